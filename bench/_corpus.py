@@ -49,7 +49,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.run import ScanContext, run_scan
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
-from tjscan.scanning.recording import ScanRecording, read_recorded_scan
+from tjscan.scanning.recording import ScanRecordingWriter, read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 from tjscan.study.file import plan_study, read_study_file
 from tjscan.study.run import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
@@ -137,7 +137,7 @@ def _measured(file: Path) -> None:
 
 def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:
     """A recording of profiles with few points."""
-    with ScanRecording(
+    with ScanRecordingWriter(
         file, JobSnapshot('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')
     ) as recording:
         for scan in scans:

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from tjscan.live.buttons import HOLD_RATE
+from tjscan.live.buttons import HELD_BUTTON_RATE
 from tjscan.live.page import Page
 
 LONGEST = 30.0
@@ -76,7 +76,7 @@ class PageClient:
     def hold(self, button: str) -> None:
         """Say, as a browser does while a button is held, that it is."""
         found = (one for one in self.messages if label_of(one) == button)
-        order = {"type": "GuiButtonHoldMessage", "frequency": HOLD_RATE}
+        order = {"type": "GuiButtonHoldMessage", "frequency": HELD_BUTTON_RATE}
         self.socket.send(msgspec.msgpack.encode({**order, "uuid": next(found)["uuid"]}))
 
     def look(self) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.live.drawables import MeasuredPiece
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import Measure, Setting, Step
+from tjscan.live.step import Measure, SceneSetup, Step
 
 PIECES, EACH = 100, 1000
 
@@ -26,7 +26,7 @@ def main() -> None:
     """Show the points, and wait for a line on stdin."""
     rng = np.random.default_rng(0)
     none = np.empty((0, 3))
-    with Page([Setting("many points", (Measure("number"),))], PageAddress(port=0)) as page:
+    with Page([SceneSetup("many points", (Measure("number"),))], PageAddress(port=0)) as page:
         for k in range(PIECES):
             points = rng.normal((0.01 * k, 0.0, 0.0), 0.05, (EACH, 3))
             piece = MeasuredPiece(points, none, none.astype(int), {"number": float(k)})

@@ -38,7 +38,7 @@ from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.buttons import Button
 from tjscan.live.colours import ARM_COLOUR, viridis_colours
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import Setting
+from tjscan.live.step import SceneSetup
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.tasks import read_recorded_show
 from tjscan.scanning.recording import read_recorded_scan
@@ -158,7 +158,7 @@ def click_rows(browser: Browser) -> Iterator[Row]:
     button = Button("Order", lambda: pressed.put(time.perf_counter()))
     taken = []
     with (
-        Page([Setting("clicks")], PageAddress(port=0)) as page,
+        Page([SceneSetup("clicks")], PageAddress(port=0)) as page,
         opened_page(browser, page.url) as shown,
     ):
         page.add_buttons([button])

@@ -12,13 +12,13 @@ from _table import Row
 
 from tjscan.job.files import read_scan_job
 from tjscan.runs.scan.run import ScanContext, scan_in_cell
-from tjscan.scanning.recording import ScanRecording
+from tjscan.scanning.recording import ScanRecordingWriter
 
 
 class _Timed:
     """A recording, and the seconds that it takes."""
 
-    def __init__(self, recording: ScanRecording) -> None:
+    def __init__(self, recording: ScanRecordingWriter) -> None:
         self._recording, self.seconds = recording, 0.0
 
     def record(self, message: object) -> None:
@@ -36,7 +36,7 @@ def recording_time(times: int, sections: int) -> Row:
         cell = ScanContext(job, file).make_cell()
         with TemporaryDirectory() as name:
             began = perf_counter()
-            with ScanRecording(Path(name) / "scan.mcap") as recording:
+            with ScanRecordingWriter(Path(name) / "scan.mcap") as recording:
                 timed = _Timed(recording)
                 scan_in_cell(cell, job, timed)
                 ending = perf_counter()

@@ -294,4 +294,3 @@ def obstacle_comes_and_goes(seed: int) -> tuple[int, bool, str]:
     waits = [event for event in tow.journal.events if event[1] == "waits"]
     words = f"seed {seed}: {ours} touches, {tow.ended or 'welded'}, {[w[2] for w in waits][:2]}"
     return ours, not tow.ended, words
-

@@ -43,7 +43,11 @@ from tjscan.calibration.wizard.logbook import (
 from tjscan.calibration.wizard.operator import JoggedProbe, Question
 from tjscan.calibration.wizard.session import CalibrationPlan, CalibrationProgress
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
-from tjscan.calibration.wizard.wizard import MAX_RETOUCHES, MAX_SKIPPED_IN_A_ROW, CalibrationWizard
+from tjscan.calibration.wizard.wizard import (
+    MAX_RETOUCHES,
+    MAX_SKIPPED_IN_A_ROW,
+    CalibrationWizard,
+)
 from tjscan.cli.output.calibration import TerminalOperator
 from tjscan.core.errors import CalibrationRefused, RecordingError
 from tjscan.core.frames import Array, inverse_pose, pose

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tjscan.comparison.clouds import read_shape_file
-from tjscan.core.config import LONGEST_LINE, MOST_CONFIGURATION_BYTES, read_toml
+from tjscan.core.config import LONGEST_LINE_CHARACTERS, MOST_CONFIGURATION_BYTES, read_toml
 from tjscan.core.errors import ConfigurationError, RecordingError, TjscanError
 from tjscan.core.files import check_file_size, refuse_links_outside, write_files_atomically
 from tjscan.joint.file import read_joint
@@ -118,7 +118,7 @@ def test_a_file_of_great_size_is_refused_before_it_is_read(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     "text",
     [
-        "a" + ".a" * LONGEST_LINE + " = 1",
+        "a" + ".a" * LONGEST_LINE_CHARACTERS + " = 1",
         "a = " + "[" * 3000 + "]" * 3000,
         "a = " + "7" * 4500,
         "a = 1\u0000",

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.laser.genicam.messages import (
-    CLOCK_DRIFT,
+    LARGEST_CLOCK_DRIFT,
     HostInterval,
     exposure_on_cell_clock,
     host_time_of_exposure,
@@ -24,7 +24,7 @@ ROUNDING = 1e-6
     clock_delay=st.floats(0, 0.05),
     clock_answer=st.floats(0, 0.05),
     waited=st.floats(0, 2),
-    rate=st.floats(1 - CLOCK_DRIFT, 1 + CLOCK_DRIFT),
+    rate=st.floats(1 - LARGEST_CLOCK_DRIFT, 1 + LARGEST_CLOCK_DRIFT),
     offset=st.floats(-1e5, 1e5),
 )
 def test_the_true_time_lies_within_what_is_stated(

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.laser.model import EXTENDED_RANGE, LaserModel
+from tjscan.laser.model import EXTENDED_Z_RANGE, LaserModel
 
 
 @pytest.mark.parametrize("columns", range(80, 641, 80))
@@ -15,7 +15,7 @@ def test_every_resolution_of_the_sensor_is_a_model(columns: int) -> None:
 
 
 def test_the_extended_range_is_a_model() -> None:
-    near, far = EXTENDED_RANGE
+    near, far = EXTENDED_Z_RANGE
     assert LaserModel(near=near, far=far).far == far
 
 

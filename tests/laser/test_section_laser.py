@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tjscan.core.frames import Array
 from tjscan.joint.hull import HullJoint, WeldBead, hull_section
 from tjscan.laser.section_laser import (
-    STAND_OFF,
+    LASER_STAND_OFF,
     SectionLaserModel,
     SectionLaserPose,
     cast_rays_on_section,
@@ -31,7 +31,7 @@ def test_line_is_80_mm_wide_at_its_stand_off() -> None:
     profile = simulate_section_profile(plane, SectionLaserPose(), EXACT, np.random.default_rng(0))
     assert len(profile) == 290
     assert np.ptp(profile.x_s) == pytest.approx(80e-3, abs=0.2e-3)
-    np.testing.assert_allclose(profile.z_s, STAND_OFF)
+    np.testing.assert_allclose(profile.z_s, LASER_STAND_OFF)
 
 
 @given(offset=offsets, roll=rolls, heading=st.floats(-0.3, 0.3))
@@ -48,9 +48,9 @@ def test_the_first_of_two_faces_on_a_ray_is_seen() -> None:
     pose = SectionLaserPose(offset=-0.03)  # from the high side the step hides what lies behind it
     z = cast_rays_on_section(step, pose, EXACT)
     x = z * EXACT.ray_slopes
-    hidden = 0.03 / (STAND_OFF - 0.02) * STAND_OFF
-    assert (z[x < 0.03 - 1e-6] < STAND_OFF - 0.019).all()
-    assert x[z > STAND_OFF - 1e-6].min() >= hidden - 1e-6
+    hidden = 0.03 / (LASER_STAND_OFF - 0.02) * LASER_STAND_OFF
+    assert (z[x < 0.03 - 1e-6] < LASER_STAND_OFF - 0.019).all()
+    assert x[z > LASER_STAND_OFF - 1e-6].min() >= hidden - 1e-6
 
 
 @given(offset=offsets)
@@ -92,7 +92,7 @@ def take(model: SectionLaserModel, count: int = 100) -> tuple[Array, Array]:
     plane = np.array([(-0.2, 0.0), (0.2, 0.0)])
     rng = np.random.default_rng(3)
     z = [simulate_section_profile(plane, SectionLaserPose(), model, rng).z_s for _ in range(count)]
-    return np.array(z), np.full((count, model.columns), STAND_OFF)
+    return np.array(z), np.full((count, model.columns), LASER_STAND_OFF)
 
 
 def test_noise_moves_points_along_their_rays() -> None:

@@ -9,14 +9,14 @@ from _live_client import page_client
 from websockets.exceptions import InvalidStatus
 
 from tjscan.core.errors import PageUnavailable
-from tjscan.live.access import LOOPBACK_ADDRESS, answer_without_token
+from tjscan.live.access import LOOPBACK_ADDRESS, status_without_token
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import Setting
+from tjscan.live.step import SceneSetup
 
 
 @pytest.fixture(scope="module")
 def page() -> Iterator[Page]:
-    with Page([Setting("nothing")], PageAddress(port=0)) as shown:
+    with Page([SceneSetup("nothing")], PageAddress(port=0)) as shown:
         yield shown
 
 
@@ -29,7 +29,7 @@ def test_the_whole_address_opens_the_page(page: Page) -> None:
 
 def test_without_the_token_page_and_socket_are_refused(page: Page) -> None:
     port = page.server.get_port()
-    assert answer_without_token(LOOPBACK_ADDRESS, port) == 403
+    assert status_without_token(LOOPBACK_ADDRESS, port) == 403
     for path in ("", "guess", page.token[:-1], f"x/{page.token}"):
         with (
             pytest.raises(InvalidStatus, match="403"),
@@ -39,7 +39,7 @@ def test_without_the_token_page_and_socket_are_refused(page: Page) -> None:
 
 
 def test_two_pages_have_two_tokens(page: Page) -> None:
-    with Page([Setting("nothing")], PageAddress(port=0)) as other:
+    with Page([SceneSetup("nothing")], PageAddress(port=0)) as other:
         assert other.token != page.token
 
 
@@ -55,16 +55,16 @@ def test_it_is_bound_to_this_machine_alone(page: Page) -> None:
 
 def test_a_port_that_is_taken_is_not_exchanged_for_another(page: Page) -> None:
     with pytest.raises(PageUnavailable, match=r"can't be had.*--port"):
-        Page([Setting("nothing")], PageAddress(port=page.server.get_port()))
+        Page([SceneSetup("nothing")], PageAddress(port=page.server.get_port()))
 
 
 def test_an_address_of_another_machine_is_refused() -> None:
     with pytest.raises(PageUnavailable, match=r"192\.0\.2\.1"):
-        Page([Setting("nothing")], PageAddress(port=0, address="192.0.2.1"))
+        Page([SceneSetup("nothing")], PageAddress(port=0, address="192.0.2.1"))
 
 
 def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
-    with Page([Setting("nothing")], PageAddress(port=0)):
+    with Page([SceneSetup("nothing")], PageAddress(port=0)):
         pass
     assert capfd.readouterr() == ("", "")
 

@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.live.buttons import Button
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import Setting
+from tjscan.live.step import SceneSetup
 
 
 def test_a_button_pressed_while_others_are_added_finds_them_all(
@@ -15,7 +15,10 @@ def test_a_button_pressed_while_others_are_added_finds_them_all(
 ) -> None:
     words = ("one", "two", "three")
     pressed: list[Future[None]] = []
-    with Page([Setting("nothing")], PageAddress(port=0)) as page, ThreadPoolExecutor() as browser:
+    with (
+        Page([SceneSetup("nothing")], PageAddress(port=0)) as page,
+        ThreadPoolExecutor() as browser,
+    ):
         add = page.server.gui.add_button
 
         def add_and_press(word: str, **how: Any) -> Any:

@@ -15,11 +15,11 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.live.buttons import HOLD_RATE, Button
+from tjscan.live.buttons import HELD_BUTTON_RATE, Button
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import Setting
+from tjscan.live.step import SceneSetup
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.runs.live.crawl import BUTTON_HOLD_LIFETIME, SHORTEST_ORDER_CYCLE, PageHandDrive
+from tjscan.runs.live.crawl import BUTTON_HOLD_LIFETIME, LEAST_DRIVE_ORDER_INTERVAL, PageHandDrive
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN, Twist
 
 SPEED, CURVATURE = 0.02, 0.125
@@ -78,7 +78,7 @@ def test_once_begun_nothing_held_is_heard(hand: PageHandDrive) -> None:
 def test_a_simulated_clock_does_not_outrun_the_hand(hand: PageHandDrive, clock: Clock) -> None:
     for _ in range(101):
         hand.order()
-    assert clock.now == pytest.approx(100 * SHORTEST_ORDER_CYCLE)
+    assert clock.now == pytest.approx(100 * LEAST_DRIVE_ORDER_INTERVAL)
 
 
 class StopsOnceItStands:
@@ -113,7 +113,7 @@ def hold_until_it_drives(page: Page, drives: Event) -> None:
         client.look()
         while not drives.is_set():
             client.hold(FORWARD)
-            time.sleep(1 / HOLD_RATE)
+            time.sleep(1 / HELD_BUTTON_RATE)
         client.socket.socket.shutdown(socket.SHUT_RDWR)
 
 
@@ -125,7 +125,7 @@ def test_a_browser_that_is_lost_stops_it_in_half_a_second(tmp_path: Path) -> Non
     notes, cell = StopsOnceItStands(hand), make_crawl_cell(job)
     context = CrawlContext(job, file, notes, hand=hand)
     button = Button(FORWARD, lambda: notes.hear(), held=True)
-    with Page([Setting("crawler")], PageAddress(port=0)) as page, cell:
+    with Page([SceneSetup("crawler")], PageAddress(port=0)) as page, cell:
         page.add_buttons([button])
         browser = Thread(target=partial(hold_until_it_drives, page, notes.drives))
         browser.start()

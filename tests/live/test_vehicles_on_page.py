@@ -25,7 +25,7 @@ from tjscan.live.drawables import BodyPose, Lines, MeasuredPiece
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.replay import Replay
-from tjscan.live.step import STATE_FACT, RecordedShow, Setting
+from tjscan.live.step import STATE_FACT, RecordedShow, SceneSetup
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.crawl import TORCH_DEVIATION_MEASURE, CrawlPageJournal, CrawlShow
 from tjscan.runs.live.tow import CABLE_CLEARANCE_MEASURE, TowShow, vehicles_apart
@@ -156,7 +156,7 @@ def test_the_slider_hides_a_state_of_later() -> None:
 def test_stop_is_pressed_once_for_each_click() -> None:
     pressed: list[str] = []
     (button,) = stop_button(lambda: pressed.append("Ctrl-C"), "the crawler")
-    with Page([Setting("stop")], PageAddress(port=0)) as page:
+    with Page([SceneSetup("stop")], PageAddress(port=0)) as page:
         page.add_buttons([button])
         button.press()
     assert pressed == ["Ctrl-C"]

@@ -5,7 +5,7 @@ from plates import half_v
 from ringed_grooves import edges_of
 
 from tjscan.core.frames import Array
-from tjscan.planning.details import NO_DETAIL_TEXT, DetailStretch, compare_with_details
+from tjscan.planning.details import NO_DETAIL_TEXT, DetailStretch, find_stretches_off_details
 from tjscan.planning.wps import JointDetail
 
 COUNT, ANGLE, DEPTH = 9, 50.0, 25.4e-3
@@ -27,7 +27,7 @@ def compared(*details: JointDetail, dihedral: Array = DIHEDRAL) -> tuple[DetailS
     flat = half_v(DEPTH, ANGLE)
     x = np.linspace(0, 0.4, COUNT)
     edges = edges_of(np.stack(np.broadcast_arrays(x[:, None], flat[:, 0], flat[:, 1]), axis=2))
-    return compare_with_details(edges, dihedral, np.full(COUNT, 1e-3), details)
+    return find_stretches_off_details(edges, dihedral, np.full(COUNT, 1e-3), details)
 
 
 def test_a_groove_within_one_detail_is_one_stretch() -> None:

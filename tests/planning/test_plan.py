@@ -11,7 +11,7 @@ from ringed_grooves import corners_along_arc, edges_of
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.planning.path import CHORD_ERROR, LARGEST_KINK, chord_error_and_kink
+from tjscan.planning.path import LARGEST_CHORD_ERROR, LARGEST_KINK, chord_error_and_kink
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.wps import WeldingProcedure, read_wps
 
@@ -90,7 +90,7 @@ def test_paths_are_sampled_finely_enough_and_never_turn_back(plan: WeldPlan) -> 
         points = bead.points[:, None]
         # Of a circle's chords: the middle stands off by a quarter of what a chord of two leaves.
         error, kink = chord_error_and_kink(points[::2], points[1:-1:2][: len(points[::2]) - 1])
-        assert error <= 4 * CHORD_ERROR
+        assert error <= 4 * LARGEST_CHORD_ERROR
         assert chord_error_and_kink(points, 0.5 * (points[1:] + points[:-1]))[1] <= LARGEST_KINK
         steps = np.diff(bead.points, axis=0)
         assert (np.sum(steps[1:] * steps[:-1], axis=1) > 0).all()

@@ -12,7 +12,7 @@ import pytest
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.report.data import ReportData
-from tjscan.report.view3d import view_data
+from tjscan.report.view3d import groove_view_data
 from tjscan.result.wireframe import ghost_of_joint
 
 CAD = Path(__file__).parent.parent.parent / "cad" / "tjoint-600x457.toml"
@@ -26,7 +26,7 @@ CHORD = 60e-6
 
 @pytest.fixture(scope="module")
 def scene(data: ReportData) -> dict[str, Any]:
-    return view_data(data)
+    return groove_view_data(data)
 
 
 def decoded(text: str) -> np.ndarray[Any, np.dtype[np.int16]]:
@@ -71,7 +71,7 @@ def test_every_quantity_has_a_value_for_each_section_and_json_holds_all(
 def test_a_buried_root_has_no_width_but_an_angle(data: ReportData) -> None:
     one = replace(data.sections[2], conditions=("tack",), absent=("p3", "p4"))
     sections = (*data.sections[:2], one, *data.sections[3:])
-    scene = view_data(replace(data, sections=sections))
+    scene = groove_view_data(replace(data, sections=sections))
     by_name = {quantity["name"]: quantity["values"] for quantity in scene["quantities"]}
     assert by_name["root width"][2] is None
     assert by_name["groove angle"][2] is not None
@@ -84,7 +84,7 @@ def test_no_groove_is_drawn_where_none_was_seen(data: ReportData, scene: dict[st
     moved = far.T_r_g.copy()
     moved[:3, 3] += 0.5
     gappy = (*data.sections[:4], replace(far, T_r_g=moved))
-    assert view_data(replace(data, sections=gappy))["joined"] == [[0, 1], [1, 2], [2, 3]]
+    assert groove_view_data(replace(data, sections=gappy))["joined"] == [[0, 1], [1, 2], [2, 3]]
 
 
 def test_the_designed_joint_lies_on_its_edges() -> None:

@@ -16,8 +16,8 @@ from tjscan.result.export import build_sections_document
 from tjscan.result.ply import sections_to_ply
 from tjscan.result.section import (
     FIELD_BY_NAME,
-    MEASURED_FIELDS,
     SECTION_FIELDS,
+    UNDERIVED_SECTION_FIELDS,
     SectionQuantity,
     section_from_values,
 )
@@ -116,7 +116,7 @@ def test_every_format_says_where_it_comes_from(length: LengthUnit) -> None:
 def same(now: MeasuredSection, was: MeasuredSection) -> None:
     """Both are one section, to the printed digits."""
     assert (now.index, now.station) == (was.index, was.station)
-    for field in MEASURED_FIELDS:
+    for field in UNDERIVED_SECTION_FIELDS:
         if field.text:
             assert getattr(now, field.name) == getattr(was, field.name)
             continue
@@ -128,12 +128,12 @@ def same(now: MeasuredSection, was: MeasuredSection) -> None:
 def test_sections_come_back_from_csv_and_json(length: LengthUnit) -> None:
     cells, written = table(length), document(length)["sections"]
     for k, was in enumerate(SECTIONS):
-        texts = [field.name for field in MEASURED_FIELDS if field.text]
+        texts = [field.name for field in UNDERIVED_SECTION_FIELDS if field.text]
         from_csv: dict[str, Any] = {name: cells[name][k] for name in texts} | {
             "station": was.station
         }
         from_json: dict[str, Any] = {name: written[k][name] for name in texts}
-        for field in MEASURED_FIELDS:
+        for field in UNDERIVED_SECTION_FIELDS:
             if field.text:
                 continue
             factor = field.unit_for_lengths(length).factor

@@ -14,7 +14,7 @@ from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
 from tjscan.robot.arm import (
     LARGEST_TURN_AT_REST,
-    REST_DURATION,
+    LEAST_REST_DURATION,
     REST_TIMEOUT,
     STATE_READING_PAUSE,
     ArmState,
@@ -28,7 +28,7 @@ from tjscan.robot.simulated import SimulatedArm
 FLICKER = 5e-5
 """Radians: encoders at rest."""
 
-CREEP = 2 * LARGEST_TURN_AT_REST / REST_DURATION
+CREEP = 2 * LARGEST_TURN_AT_REST / LEAST_REST_DURATION
 """rad/s: slower than this is not told from rest for sure."""
 
 
@@ -61,13 +61,13 @@ class LedArm(SimulatedArm):
 
 
 @settings(max_examples=50, deadline=None)
-@given(speed=st.floats(CREEP, 1.0), seconds=st.floats(0.0, REST_TIMEOUT - 2 * REST_DURATION))
+@given(speed=st.floats(CREEP, 1.0), seconds=st.floats(0.0, REST_TIMEOUT - 2 * LEAST_REST_DURATION))
 def test_a_state_at_rest_is_one_after_the_motion(speed: float, seconds: float) -> None:
     with LedArm(speed, seconds) as arm:
         state = arm.rest()
         assert state.time >= min(seconds, REST_TIMEOUT)
         # Flickering encoders may hold a slow motion on for another window.
-        assert state.time <= seconds + 2 * REST_DURATION + 3 * STATE_READING_PAUSE
+        assert state.time <= seconds + 2 * LEAST_REST_DURATION + 3 * STATE_READING_PAUSE
         check_arm_has_not_moved(state, arm.state())
 
 

@@ -20,7 +20,7 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.journal import ScanEvent, StopReason, untaught_step_lengths
 from tjscan.scanning.retries import step_retries
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
-from tjscan.scanning.sections_before import with_tack_named
+from tjscan.scanning.sections_before import name_tack_of_section
 
 YARD = EXAMPLES / "yard-joint.toml"
 BURIED = 2e-3
@@ -86,7 +86,7 @@ ROOT = section_with(0.006, 0.023)
 
 
 def test_weld_metal_that_lies_higher_than_the_root_before_is_a_tack() -> None:
-    found = with_tack_named(section_with(0.011, 0.018, (WELD_IN_ROOT,)), [ROOT]).groove
+    found = name_tack_of_section(section_with(0.011, 0.018, (WELD_IN_ROOT,)), [ROOT]).groove
     assert found.on_tack
     assert found.absent == ("p3", "p4")
     assert WELD_IN_ROOT not in found.conditions
@@ -109,13 +109,13 @@ def test_weld_metal_that_lies_higher_than_the_root_before_is_a_tack() -> None:
 def test_without_a_rise_over_the_root_before_there_is_no_tack(
     found: ScannedSection, before: list[ScannedSection]
 ) -> None:
-    assert with_tack_named(found, before) is found
+    assert name_tack_of_section(found, before) is found
 
 
 def test_from_tack_to_tack_the_root_before_them_counts() -> None:
     tack = section_with(0.011, 0.018, (WELD_IN_ROOT,))
-    first = with_tack_named(tack, [ROOT])
-    assert with_tack_named(tack, [ROOT, first]).groove.on_tack
+    first = name_tack_of_section(tack, [ROOT])
+    assert name_tack_of_section(tack, [ROOT, first]).groove.on_tack
 
 
 def test_what_hides_the_groove_for_longer_than_a_step_is_stepped_over() -> None:

@@ -24,7 +24,12 @@ from tjscan.core.frames import pose_from_euler_zyx
 from tjscan.laser.profile import Profile
 from tjscan.recording.foxglove import PROFILE_TOPIC
 from tjscan.recording.journal import RecordingWriter, RunEvent
-from tjscan.scanning.recording import SCAN_TOPICS, ScanRecording, read_recorded_scan, read_views
+from tjscan.scanning.recording import (
+    SCAN_TOPICS,
+    ScanRecordingWriter,
+    read_recorded_scan,
+    read_views,
+)
 from tjscan.scanning.section import ProfileView, Substep
 
 ROUNDING = 1e-12
@@ -56,7 +61,7 @@ def view(index: int, intensity: bool = True) -> ProfileView:
 
 def record(file: Path, count: int) -> list[ProfileView]:
     views = [view(i, intensity=i % 2 == 0) for i in range(count)]
-    with ScanRecording(file) as journal:
+    with ScanRecordingWriter(file) as journal:
         for v in views:
             journal.record(v)
         journal.record(RunEvent("stop", "enough"))
@@ -101,7 +106,7 @@ def test_a_cut_file_gives_every_whole_view_before_the_cut(tmp_path: Path) -> Non
 @pytest.mark.parametrize("days", [0, 40])
 def test_stamps_are_of_today_however_long_the_arm_has_been_on(tmp_path: Path, days: int) -> None:
     began = time.time()
-    with ScanRecording(tmp_path / "scan.mcap") as journal:
+    with ScanRecordingWriter(tmp_path / "scan.mcap") as journal:
         for i in range(3):
             journal.record(replace(view(i), time=86400.0 * days + i))
     stamps = [1e-9 * log_time for topic, _, log_time, _ in contents(tmp_path) if topic == "/view"]

@@ -16,7 +16,7 @@ from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import plan_study
 from tjscan.study.run import ROWS_FILE, make_study_directory, read_rows, run_study, run_trial
 from tjscan.study.schedule import DaskScheduler, EndedTask
-from tjscan.study.trial import LOST_WORKER, StudyRow, Trial
+from tjscan.study.trial import LOST_WORKER_REASON, StudyRow, Trial
 
 STUDY = {
     "job": str(PAPER),
@@ -128,7 +128,7 @@ def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: 
     make_study_directory(tmp_path / "s", trials[:1])
     (row,) = run_study(tmp_path / "s", losing, ignore, study_backend_of_task)
     assert not row.outcome.complete
-    assert row.outcome.reason == LOST_WORKER
+    assert row.outcome.reason == LOST_WORKER_REASON
     assert "its process died" in (tmp_path / "s" / "report.md").read_text()
 
 

@@ -25,7 +25,7 @@ __all__ = ["Recording", "Scan", "calibrate", "compare", "read_groove", "scan"]
 
 LengthUnit = Literal["mm", "um", "m"]
 
-OFF_PLANE: Final = 1e-6
+OFF_PLANE_TOLERANCE: Final = 1e-6
 """Metres that a point of a profile may be off the laser plane."""
 
 
@@ -237,7 +237,7 @@ def _profile_from_points(points: ArrayLike | Profile) -> Profile:
     array = np.asarray(points, dtype=float)
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise ValueError(f"a profile is of shape (n, 2) or (n, 3), not {array.shape}")
-    if array.shape[1] == 3 and np.nanmax(np.abs(array[:, 1]), initial=0.0) > OFF_PLANE:
+    if array.shape[1] == 3 and np.nanmax(np.abs(array[:, 1]), initial=0.0) > OFF_PLANE_TOLERANCE:
         raise ValueError("the points lie off the laser plane: y must be 0")
     return Profile(array[:, 0], array[:, -1])
 

@@ -33,7 +33,7 @@ from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, unit_vector
 from tjscan.core.pose_vector import rotation_to_vector
 
-MIN_ROTATION: Final = float(np.radians(2.0))
+MIN_RMS_FLANGE_TURN: Final = float(np.radians(2.0))
 """Radians RMS; smaller turns are as good as none."""
 MIN_TILT_SPREAD: Final = 5e-3
 """RMS by which the cosines of the tilts must differ: about 0° beside 10°."""
@@ -67,7 +67,7 @@ def check_poses_fix_hand_eye(T_b_f: Array, u_b: Array | None, R_f_s: Array | Non
     turns = rotation_to_vector(R[0].T @ R)
     _, singular, axes = np.linalg.svd(turns, full_matrices=True)
     spread = singular / np.sqrt(len(turns))
-    if spread[0] < MIN_ROTATION:
+    if spread[0] < MIN_RMS_FLANGE_TURN:
         advised = "the flange's axes that lie along the board"
         if R_f_s is not None:
             advised = "the sensor's x and y axes"
@@ -76,7 +76,7 @@ def check_poses_fix_hand_eye(T_b_f: Array, u_b: Array | None, R_f_s: Array | Non
             f"the poses differ in orientation by {np.degrees(spread[0]):.1f}°; tilt by "
             f"{ADVISED_TILT_DEG}° or more, both ways, about {advised}",
         )
-    if spread[1] < MIN_ROTATION:
+    if spread[1] < MIN_RMS_FLANGE_TURN:
         _refuse_turns_about_one_axis(axes[0], None if u_b is None else R[0].T @ u_b, R_f_s)
     if u_b is not None:
         _check_normals_lean_two_ways(u_b @ R, R_f_s)
@@ -103,7 +103,7 @@ def _refuse_turns_about_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array 
 def _check_normals_lean_two_ways(u_f: Array, R_f_s: Array | None) -> None:
     """The normals seen from the flange, shape (n, 3), must lean two ways."""
     spread, axes = tilt_spread(u_f)
-    missing = [axis for axis, s in zip(axes, spread, strict=True) if s < MIN_ROTATION]
+    missing = [axis for axis, s in zip(axes, spread, strict=True) if s < MIN_RMS_FLANGE_TURN]
     if missing:
         singular = np.linalg.svd(u_f, compute_uv=False) / np.sqrt(len(u_f))
         shown = ", ".join(f"{s:.4f}" for s in singular)

@@ -138,7 +138,7 @@ class LaserResponseEntry(StrictFileModel):
     by_draws: NumberTable
 
     @model_validator(mode="after")
-    def _check_response_table(self) -> LaserResponseEntry:
+    def _refuse_uneven_response(self) -> LaserResponseEntry:
         if len({len(row) for row in self.by_draws}) != 1 or len(self.by_draws) % 6:
             raise ValueError("a response has six rows a pose and joint, all of the same length")
         return self

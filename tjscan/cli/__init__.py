@@ -87,7 +87,7 @@ def exit_code_of_error(error: errors.TjscanError) -> int:
     return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)
 
 
-def _check_is_installed(tokens: Sequence[str]) -> None:
+def _refuse_missing_loopback(tokens: Sequence[str]) -> None:
     """Refuse the command of a loopback device whose package is missing."""
     if tokens and tokens[0] in LOOPBACK_COMMANDS and tokens[0] not in app:
         raise errors.ConfigurationError(
@@ -111,7 +111,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     logging.getLogger("trimesh").propagate = False
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
-        _check_is_installed(tokens)
+        _refuse_missing_loopback(tokens)
         _load_listed_commands(tokens)
         app(tokens, exit_on_error=False, print_error=True)
     except CycloptsError:

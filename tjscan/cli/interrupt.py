@@ -9,7 +9,7 @@ from threading import Thread
 from typing import Final
 
 from tjscan.cli.output.console import print_message
-from tjscan.core.signals import handle_ctrl_c, hear_ctrl_c, press_ctrl_c
+from tjscan.core.signals import enable_ctrl_c, handle_ctrl_c, press_ctrl_c
 from tjscan.scanning.stopping import StopRequest
 
 INTERRUPT_EXIT_CODE: Final = 130
@@ -58,5 +58,5 @@ def ctrl_c_presser() -> Callable[[], None]:
     A program that a script started in the background hears no Ctrl-C; a Stop on its page must
     stop it all the same.
     """
-    hear_ctrl_c()
+    enable_ctrl_c()
     return press_ctrl_c

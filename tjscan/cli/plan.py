@@ -124,9 +124,9 @@ def plan(
 
 def _send_program_to_arm(done: WrittenPlan, job: ScanJob, program: ProgramOptions) -> None:
     from tjscan.runs.plan.run import ArcSwitch
-    from tjscan.runs.plan.send import path_of_station, send_program
+    from tjscan.runs.plan.send import find_station_path, send_program
 
-    path = path_of_station(done.paths, program.station)
+    path = find_station_path(done.paths, program.station)
     switched = f"output {program.output} switches the arc" if program.arc else "the arc stays off"
     host = job.arm.driver_settings.host
     words = f"{len(path.beads)} beads of {path.station} run on {host}, {switched}"

@@ -197,14 +197,14 @@ def laser(
     from contextlib import ExitStack
     from itertools import islice
 
-    from tjscan.cli.output.laser import live_profiles, print_laser_description
+    from tjscan.cli.output.laser import print_laser_description, show_live_readings
     from tjscan.runs.laser import open_laser_of_job, open_profile_file, read_live_profiles
 
     with ExitStack() as stack:
         device, settings = stack.enter_context(open_laser_of_job(job, parse_overrides(overrides)))
         keep = None if write is None else stack.enter_context(open_profile_file(write))
         print_laser_description(device)
-        show_reading = stack.enter_context(live_profiles(json=json))
+        show_reading = stack.enter_context(show_live_readings(json=json))
         for reading in islice(read_live_profiles(device, settings), profiles):
             show_reading(reading)
             if keep is not None:

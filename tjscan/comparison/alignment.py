@@ -169,7 +169,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
         estimate = registration.TransformationEstimationPointToPlane(loss)
         same = np.arange(near.sum(), dtype=np.int32)
         pairs = o3d.utility.Vector2iVector(np.column_stack((same, same)))
-        _check_stiffness(moved[near] - centre, normals[near])
+        _check_points_cannot_slide(moved[near] - centre, normals[near])
         step = np.asarray(estimate.compute_transformation(source, target, pairs))
         step = pose(p=centre) @ step @ pose(p=-centre)
         move = float(np.linalg.norm(transform_points(step, moved) - moved, axis=1).max())
@@ -196,7 +196,7 @@ def _check_enough_points_near(near: Mask, when: str, causes: str) -> None:
         )
 
 
-def _check_stiffness(points: Array, normals: Array) -> None:
+def _check_points_cannot_slide(points: Array, normals: Array) -> None:
     """Refuse points that could slide or turn on the reference unnoticed."""
     radius = float(np.sqrt(np.mean(np.sum(points * points, axis=1))))
     J = np.column_stack((np.cross(points / radius, normals), normals))

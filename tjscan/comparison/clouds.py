@@ -66,7 +66,7 @@ def read_pcd(path: Path) -> Array:
         If it is damaged, or of another kind.
     """
     with path.open("rb") as stream:
-        layout, count, encoding = _read_head(stream)
+        layout, count, encoding = _read_pcd_header(stream)
         rest = path.stat().st_size - stream.tell()
         rate = (
             MEMORY_PER_COMPRESSED_PCD_POINT
@@ -90,7 +90,7 @@ def read_pcd(path: Path) -> Array:
     return _read_compressed(path)
 
 
-def _read_head(stream: BinaryIO) -> tuple[np.dtype[Any], int, str]:
+def _read_pcd_header(stream: BinaryIO) -> tuple[np.dtype[Any], int, str]:
     """What a header states: the layout of a point, how many there are, and how they are written."""
     words: dict[str, list[str]] = {}
     for _ in range(MOST_HEADER_LINES):

@@ -58,7 +58,7 @@ UNKNOWN_KEY_ERRORS: Final = ("extra_forbidden", "unexpected_keyword_argument")
 MOST_CONFIGURATION_BYTES: Final = 1_000_000
 """No configuration is larger; a larger file is something else given by mistake."""
 
-LONGEST_LINE: Final = 5000
+LONGEST_LINE_CHARACTERS: Final = 5000
 """Characters. A key of thousands of parts would keep the parser busy for minutes."""
 
 LONGEST_VALUE_CHARACTERS: Final = 200
@@ -75,9 +75,9 @@ def read_toml(file: Path) -> dict[str, Any]:
     """
     try:
         text = read_small_file(file, MOST_CONFIGURATION_BYTES, "a configuration").decode()
-        if max(map(len, text.splitlines()), default=0) > LONGEST_LINE:
+        if max(map(len, text.splitlines()), default=0) > LONGEST_LINE_CHARACTERS:
             raise ConfigurationError(
-                f"has a line of more than {LONGEST_LINE} characters", file=file
+                f"has a line of more than {LONGEST_LINE_CHARACTERS} characters", file=file
             )
         return tomllib.loads(text)
     except FileNotFoundError:

@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 _NEXT, _NEXT_BUT_ONE = np.array((1, 2, 0)), np.array((2, 0, 1))
 
-ROUNDED_ROTATION: Final = 1e-3
+ROTATION_ROUNDING: Final = 1e-3
 """How far from orthonormal a rotation printed with four decimals may be."""
 
 
@@ -229,7 +229,7 @@ def pose_from_rounded_matrix(T: ArrayLike) -> Array:
     if T.shape != (4, 4) or not np.allclose(T[3], (0, 0, 0, 1)):
         raise ValueError("a pose is a 4 x 4 matrix whose last row is 0 0 0 1")
     R = T[:3, :3]
-    if not np.isfinite(T).all() or not np.allclose(R @ R.T, np.eye(3), atol=ROUNDED_ROTATION):
+    if not np.isfinite(T).all() or not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_ROUNDING):
         raise ValueError("its first three rows and columns are not a rotation (not orthonormal)")
     if np.linalg.det(R) < 0:
         raise ValueError("its rotation is left-handed: an axis has the wrong sign")

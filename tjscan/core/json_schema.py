@@ -10,7 +10,7 @@ from docstring_parser import Docstring, DocstringStyle, parse
 
 SCHEMA_DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
-_UNITS_INSIDE: Final = re.compile(
+_SI_UNITS_IN_DOCSTRING: Final = re.compile(
     r"[,;]?\s+(?:in )?(?:square )?(?:metres|radians|m/s²?)(?: and (?:radians|m/s²?))?(?=[.,;:]|$)"
     r"|\s+\((?:metres|radians)\)|\s+in (?:metres|radians)(?= )|\s+Metres, radians\."
 )
@@ -45,13 +45,13 @@ def describe_table(
         elif "default" in value and to_file and key in to_file:
             value["default"] = to_file[key](value["default"])
     if text := _parsed_docstring(table).description:
-        schema["description"] = _UNITS_INSIDE.sub("", text.strip())
+        schema["description"] = _SI_UNITS_IN_DOCSTRING.sub("", text.strip())
     for entry in (
         entry for base in reversed(table.__mro__) for entry in _parsed_docstring(base).params
     ):
         for name in entry.arg_name.split(", "):
             if name in keys and keys[name] in properties:
-                text = _UNITS_INSIDE.sub("", " ".join((entry.description or "").split()))
+                text = _SI_UNITS_IN_DOCSTRING.sub("", " ".join((entry.description or "").split()))
                 properties[keys[name]]["description"] = text
 
 

@@ -134,10 +134,10 @@ def _file_chunks(stream: IO[bytes]) -> Iterator[bytes]:
 MOST_UNPACKED_BYTES: Final = 500_000_000
 """What an archive may hold."""
 
-MOST_UNPACKED_SHARE: Final = 30
+MOST_UNPACKED_RATIO: Final = 30
 """Times its own size that an archive may unpack to: text of numbers shrinks to a fifth."""
 
-ROOM_FOR_HEADERS: Final = 1_000_000
+SMALL_ARCHIVE_BYTES: Final = 1_000_000
 """Bytes that a small archive may unpack to in any case."""
 
 
@@ -196,6 +196,6 @@ def _check_vertex_count(path: Path, count: int) -> None:
 def _check_unpacked_size(path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         size = sum(part.file_size for part in archive.infolist())
-    most = min(MOST_UNPACKED_BYTES, MOST_UNPACKED_SHARE * path.stat().st_size + ROOM_FOR_HEADERS)
+    most = min(MOST_UNPACKED_BYTES, MOST_UNPACKED_RATIO * path.stat().st_size + SMALL_ARCHIVE_BYTES)
     if size > most:
         raise ConfigurationError(f"unpacks to {size} bytes, {most} at most", file=path)

@@ -29,7 +29,7 @@ class ClientRequest:
     arguments: tuple[object, ...]
     named_arguments: Mapping[str, object]
 
-    def answered_by(self, client: object, explain: Callable[[Exception], object]) -> ClientAnswer:
+    def run_on_client(self, client: object, explain: Callable[[Exception], object]) -> ClientAnswer:
         """Call the method, and return its value, or what `explain` makes of its exception."""
         try:
             value = getattr(client, self.name)(*self.arguments, **self.named_arguments)

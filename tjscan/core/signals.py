@@ -55,7 +55,7 @@ def ignore_ctrl_c() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def hear_ctrl_c() -> None:
+def enable_ctrl_c() -> None:
     """Let Ctrl-C interrupt a program that a script started in the background, which hears none."""
     if signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None):
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pydantic.json_schema import JsonSchemaValue
     from pydantic_core import CoreSchema
 
-DECIMAL_DIGITS: Final = (15, 16, 17)
+ROUND_TRIP_DIGITS: Final = (15, 16, 17)
 """Decimal digits that may be needed to write a number so that it is read as the same again."""
 
 
@@ -65,7 +65,7 @@ class FileUnit:
             return tuple(map(self.to_file, value))
         if value is None or self.factor == 1.0:
             return value
-        for digits in DECIMAL_DIGITS:
+        for digits in ROUND_TRIP_DIGITS:
             shortest = float(f"{value / self.factor:.{digits}g}")
             if self.to_si(shortest) == value:
                 break

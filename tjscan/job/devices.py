@@ -30,10 +30,10 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
 from tjscan.robot.drivers import ARM_DRIVERS
 
-ASSUMED_LINEARITY: Final = 0.1e-3
+ASSUMED_LASER_LINEARITY: Final = 0.1e-3
 """Metres: assumption, 0.1 % of a 100 mm range; data sheets of the class state 0.1 to 0.2 %."""
 
-ASSUMED_RANGE_BIAS: Final = 0.02e-3
+ASSUMED_LASER_RANGE_BIAS: Final = 0.02e-3
 """Metres: assumption, what the simulated laser has by default (`tjscan.laser.model`)."""
 
 EVIDENCE_STATED: Final = "stated"
@@ -229,10 +229,10 @@ class LaserUncertaintySettings(units.SettingsTable):
     ----------
     linearity : float, optional
         Largest deviation of the range over the window, as data sheets state it, metres;
-        `ASSUMED_LINEARITY` if left out.
+        `ASSUMED_LASER_LINEARITY` if left out.
     range_bias : float, optional
         Standard deviation of the range's error at 45° of incidence, which grows with the
-        tangent of the incidence, metres; `ASSUMED_RANGE_BIAS` if left out.
+        tangent of the incidence, metres; `ASSUMED_LASER_RANGE_BIAS` if left out.
     """
 
     linearity: Annotated[float | None, Ge(0), Le(5), units.MM] = None
@@ -241,12 +241,12 @@ class LaserUncertaintySettings(units.SettingsTable):
     @property
     def stated_linearity(self) -> tuple[float, str]:
         """Linearity in metres, and whether it is stated or assumed."""
-        return _stated_or_assumed(self.linearity, ASSUMED_LINEARITY)
+        return _stated_or_assumed(self.linearity, ASSUMED_LASER_LINEARITY)
 
     @property
     def stated_bias(self) -> tuple[float, str]:
         """Range bias in metres, and whether it is stated or assumed."""
-        return _stated_or_assumed(self.range_bias, ASSUMED_RANGE_BIAS)
+        return _stated_or_assumed(self.range_bias, ASSUMED_LASER_RANGE_BIAS)
 
 
 def _stated_or_assumed(value: float | None, default: float) -> tuple[float, str]:

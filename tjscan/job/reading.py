@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 
-EXCLUDING_KEYS: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
+MUTUALLY_EXCLUSIVE_KEYS: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
 """The key of the same table that each of these excludes, so that it goes when this is set."""
 
 M = TypeVar("M", bound=StrictFileModel)
@@ -131,8 +131,8 @@ def replace_keys(data: dict[str, Any], overrides: dict[str, Any]) -> None:
                 f"is an array of tables; name one: {'.'.join(tables)}.NAME.{last}", key=key
             )
         table[last] = value
-        if key in EXCLUDING_KEYS:
-            table.pop(EXCLUDING_KEYS[key], None)
+        if key in MUTUALLY_EXCLUSIVE_KEYS:
+            table.pop(MUTUALLY_EXCLUSIVE_KEYS[key], None)
 
 
 def _inner_table(tables: Any, name: str, key: str) -> Any:

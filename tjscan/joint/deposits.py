@@ -12,7 +12,7 @@ from tjscan.joint.definition import JointDefinition, SeamWeldCap, TackWeld
 from tjscan.joint.edges import JointGrooveSections, leg_normal_rz
 from tjscan.joint.geometry import cylindrical_to_j
 
-TACK_BOW: Final = 0.2
+TACK_BOW_RATIO: Final = 0.2
 """Height of a tack over the chord between its toes, by the chord's length (assumption)."""
 
 TACK_RAMP_LENGTH: Final = 5e-3
@@ -44,7 +44,7 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
     chord = on_bevel - on_leg
     outward = chord[:, ::-1] * (1, -1)
     t = np.linspace(0, 1, _FACE)[:, None, None]
-    face = on_leg + t * chord + TACK_BOW * 4 * t * (1 - t) * outward
+    face = on_leg + t * chord + TACK_BOW_RATIO * 4 * t * (1 - t) * outward
     # Its ends go on into leg and bevel: corners that lie on a surface would leave slivers.
     face[0], face[-1] = 2 * face[0] - face[1], 2 * face[-1] - face[-2]
     into_leg = -DEPOSIT_SINK_DEPTH * leg_normal_rz(definition.leg_surface, phi, rho)

@@ -150,7 +150,7 @@ def _leg_direction_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
     return unit_vectors(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
 
 
-FEWEST_NEIGHBOURS = 4
+FIRST_SEARCH_VERTICES = 4
 """Vertices that a first search looks at; it looks at more where these can't prove the result."""
 
 
@@ -174,7 +174,7 @@ class ClosedPolyline:
         points = np.asarray(points_j, dtype=float).reshape(-1, 3)
         feet = np.empty_like(points)
         open_ = np.arange(len(points))
-        neighbours = FEWEST_NEIGHBOURS
+        neighbours = FIRST_SEARCH_VERTICES
         while open_.size:
             neighbours = min(neighbours, len(self.points_j))
             reach, vertices = self._tree.query(points[open_], k=np.arange(1, neighbours + 1))

@@ -15,7 +15,7 @@ from tjscan.laser.model import LaserModel, MeasuringRange
 HIGHEST_DEGREE: Final = 3
 """Of the polynomials in x and z: a lens' distortion is of third order."""
 
-TERM_DEGREES: Final = tuple(
+DISTORTION_TERM_DEGREES: Final = tuple(
     (i, j) for i, j in product(range(HIGHEST_DEGREE + 1), repeat=2) if 0 < i + j <= HIGHEST_DEGREE
 )
 """Degrees in x and z of the polynomials that a laser's deviation is made of."""
@@ -77,14 +77,14 @@ class LaserDeviation:
         by_x, by_z = np.moveaxis(legvander((xz - self.middle) / self.half, HIGHEST_DEGREE), 1, 0)
         each = [
             COEFFICIENT_SIGMAS_BY_DEGREE[i + j - 1] * by_x[:, i] * by_z[:, j]
-            for i, j in TERM_DEGREES
+            for i, j in DISTORTION_TERM_DEGREES
         ]
         terms = self.largest * np.stack(each, axis=1)
         none = np.zeros_like(terms)
         return np.stack((np.hstack((terms, none)), np.hstack((none, terms))), axis=1)
 
 
-RANDOM_STREAM: Final = 4
+LASER_MAKE_STREAM: Final = 4
 """Keeps the random numbers of a sensor's make apart from the numbers of its profiles."""
 
 WINDOW_PLACES_EACH_WAY: Final = 41
@@ -123,7 +123,7 @@ class Distortion:
         """
         if model.linearity == 0:
             return None
-        rng = np.random.default_rng([make, RANDOM_STREAM])
+        rng = np.random.default_rng([make, LASER_MAKE_STREAM])
         i = np.arange(HIGHEST_DEGREE + 1)
         degree = i[:, None] + i
         is_term = (degree > 0) & (degree <= HIGHEST_DEGREE)

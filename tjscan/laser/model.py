@@ -12,10 +12,10 @@ from annotated_types import Ge, Le
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.units import MM, NOT_IN_FILE, POINTS, SettingsTable
 
-STANDARD_RANGE: Final = (0.190, 0.290)
+STANDARD_Z_RANGE: Final = (0.190, 0.290)
 """Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""
 
-EXTENDED_RANGE: Final = (0.125, 0.390)
+EXTENDED_Z_RANGE: Final = (0.125, 0.390)
 """Nearest and farthest z at which the same sensor still measures, less accurately, in metres."""
 
 # The trapezoid is 83 mm wide at z = 190 mm and 121 mm at z = 290 mm; its sides meet at the emitter.
@@ -82,7 +82,7 @@ class LaserModel(SettingsTable):
     columns : int
         Points per profile, 80 to 640 in steps of 80.
     near, far : float
-        Limits of z in frame s; see `STANDARD_RANGE` and `EXTENDED_RANGE`.
+        Limits of z in frame s; see `STANDARD_Z_RANGE` and `EXTENDED_Z_RANGE`.
     emitter_z : float
         The light, and the detector's columns, fan out from (0, 0, emitter_z) in frame s. That
         both have the same apex is an assumption.
@@ -158,8 +158,8 @@ class LaserModel(SettingsTable):
     """
 
     columns: Annotated[int, NOT_IN_FILE] = 640
-    near: Annotated[float, NOT_IN_FILE] = STANDARD_RANGE[0]
-    far: Annotated[float, NOT_IN_FILE] = STANDARD_RANGE[1]
+    near: Annotated[float, NOT_IN_FILE] = STANDARD_Z_RANGE[0]
+    far: Annotated[float, NOT_IN_FILE] = STANDARD_Z_RANGE[1]
     emitter_z: Annotated[float, NOT_IN_FILE] = _WINDOW_APEX_Z
     half_angle: Annotated[float, NOT_IN_FILE] = math.atan(_WINDOW_SLOPE)
     detector_y: Annotated[float, NOT_IN_FILE] = 0.080

@@ -27,7 +27,7 @@ TIME_STAMP_BYTES: Final = 16
 
 CYCLES_PER_SECOND, OFFSETS_PER_CYCLE = 8000, 3072
 
-RAW_OF_ZERO: Final = 32_768
+RAW_COORDINATE_OF_ZERO: Final = 32_768
 """Raw number of the coordinate 0, or of the offset."""
 
 MAX_RAW: Final = 65_535
@@ -131,7 +131,7 @@ def parse_scancontrol(
     if settings.layout == "full" and settings.reflection == REFLECTION_COUNT:
         missing[-1] = True  # the time stamp is there
     x, z = (
-        scale.scale * ((MAX_RAW - values if flip else values) - RAW_OF_ZERO)
+        scale.scale * ((MAX_RAW - values if flip else values) - RAW_COORDINATE_OF_ZERO)
         for values, flip in ((raw_x, settings.flip_x), (raw_z, settings.flip_z))
     )
     x[missing] = z[missing] = np.nan

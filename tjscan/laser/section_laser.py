@@ -21,7 +21,7 @@ from tjscan.core.units import DEG, MM, NOT_IN_FILE, POINTS, SettingsTable
 from tjscan.laser.faults import choose_column_runs
 from tjscan.laser.profile import Profile
 
-STAND_OFF: Final = 0.149
+LASER_STAND_OFF: Final = 0.149
 """Distance at which a line of 80 mm at ±15° is above the steel, in metres."""
 
 Fraction = Annotated[float, Ge(0.0), Le(0.9)]
@@ -97,7 +97,7 @@ class SectionLaserPose:
 
     offset: float = 0.0
     heading: float = 0.0
-    stand_off: float = STAND_OFF
+    stand_off: float = LASER_STAND_OFF
     roll: float = 0.0
 
 

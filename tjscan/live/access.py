@@ -26,7 +26,7 @@ from websockets.http11 import Request, Response
 from tjscan.core.errors import PageUnavailable
 
 LOOPBACK_ADDRESS: Final = "127.0.0.1"
-ANSWER_TIMEOUT: Final = 5.0
+SERVER_CHECK_TIMEOUT: Final = 5.0
 """Seconds within which the server answers its own check of whether it is closed."""
 
 HttpAnswer = Callable[[ServerConnection, Request], Response | None]
@@ -65,7 +65,7 @@ def open_server(address: str, port: int, token: str, label: str) -> viser.ViserS
     try:
         if port and server.get_port() != port:
             raise PageUnavailable(f"port {port} of {address} was taken meanwhile")
-        if answer_without_token(address, server.get_port()) != HTTPStatus.FORBIDDEN:
+        if status_without_token(address, server.get_port()) != HTTPStatus.FORBIDDEN:
             raise PageUnavailable(
                 "the installed viser answers without the page's token: install the version that "
                 "tjscan[live] names"
@@ -82,7 +82,7 @@ def close_server(server: viser.ViserServer) -> None:
         server.stop()
 
 
-def answer_without_token(address: str, port: int) -> int:
+def status_without_token(address: str, port: int) -> int:
     """HTTP status that the server answers a request without the token with.
 
     Raises
@@ -91,7 +91,7 @@ def answer_without_token(address: str, port: int) -> int:
         If it does not answer.
     """
     try:
-        with closing(HTTPConnection(address, port, timeout=ANSWER_TIMEOUT)) as connection:
+        with closing(HTTPConnection(address, port, timeout=SERVER_CHECK_TIMEOUT)) as connection:
             connection.request("GET", "/")
             return connection.getresponse().status
     except OSError as error:

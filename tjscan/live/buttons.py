@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-HOLD_RATE: Final = 20.0
+HELD_BUTTON_RATE: Final = 20.0
 """Hz at which a button that is held repeats it."""
 
 Act = Callable[[], object]
@@ -25,7 +25,8 @@ class Button:
         On it.
     press : callable
         What it does; called in a thread of the page. Of a button that is held it is called
-        `HOLD_RATE` times a second until the button is released, or the browser or its link is gone.
+        `HELD_BUTTON_RATE` times a second until the button is released, or the browser or its
+        link is gone.
     tone : str
         Its colour.
     hint : str

@@ -38,8 +38,8 @@ class ColourScale:
 
     @classmethod
     def spanning(cls, values: Iterable[float]) -> ColourScale:
-        """Scale that holds all values that are known, its ends rounded; see `round_ends`."""
-        return cls(*round_ends(values))
+        """Scale that holds all values that are known, its ends rounded; see `round_scale_ends`."""
+        return cls(*round_scale_ends(values))
 
     def colour_of(self, value: float) -> Colour:
         """Colour of a value; grey if it is not known."""
@@ -55,7 +55,7 @@ class ColourScale:
         return f"linear-gradient(90deg,{','.join(f'rgb{stop}' for stop in stops)})"
 
 
-def round_ends(values: Iterable[float]) -> tuple[float, float]:
+def round_scale_ends(values: Iterable[float]) -> tuple[float, float]:
     """Ends that hold all values that are known, rounded outwards.
 
     They are multiples of a tenth to a quarter of the span, so that a scale rarely changes

@@ -13,12 +13,12 @@ import viser
 
 from tjscan.core.frames import Array
 from tjscan.live.access import LOOPBACK_ADDRESS, close_server, open_server
-from tjscan.live.buttons import HOLD_RATE, Button
+from tjscan.live.buttons import HELD_BUTTON_RATE, Button
 from tjscan.live.colours import ColourScale, viridis_colours
 from tjscan.live.drawables import MeasuredPiece
 from tjscan.live.panel import Panel
 from tjscan.live.stage import Stage
-from tjscan.live.step import Measure, Setting, Step
+from tjscan.live.step import Measure, SceneSetup, Step
 
 FIELD_OF_VIEW: Final = 0.75
 """Radians, of the picture's height."""
@@ -51,7 +51,7 @@ class RunView:
     """One run on the page: its picture and its panel."""
 
     def __init__(
-        self, server: viser.ViserServer, setting: Setting, root: str, shift: Array
+        self, server: viser.ViserServer, setting: SceneSetup, root: str, shift: Array
     ) -> None:
         self.setting = setting
         self.stage = Stage(server, setting, root, shift)
@@ -93,7 +93,7 @@ class Page:
         If it can't be served.
     """
 
-    def __init__(self, settings: Sequence[Setting], where: PageAddress | None = None) -> None:
+    def __init__(self, settings: Sequence[SceneSetup], where: PageAddress | None = None) -> None:
         where, self.token = where or PageAddress(), secrets.token_urlsafe(18)
         viridis_colours()  # loads Matplotlib, which would hold up the first section
         self.server = open_server(where.address, where.port, self.token, "tjscan")
@@ -143,7 +143,7 @@ class Page:
             button.press()
 
         if button.held:
-            handle.on_hold(act, callback_hz=HOLD_RATE)
+            handle.on_hold(act, callback_hz=HELD_BUTTON_RATE)
         else:
             handle.on_click(act)
         if button.big:  # as tall as four others
@@ -164,7 +164,7 @@ class Page:
             for view in self.views:
                 view.panel.plot(self._measure, view.colour_by(self._measure))
 
-    def _prepare_scene(self, settings: Sequence[Setting]) -> None:
+    def _prepare_scene(self, settings: Sequence[SceneSetup]) -> None:
         """Theme, lights that a machine without a graphics card can draw, and the camera."""
         server = self.server
         server.gui.configure_theme(
@@ -190,7 +190,7 @@ class Page:
             choice = self.server.gui.add_dropdown("Colour and plot", list(self._measures))
             choice.on_update(lambda _: self.choose_measure(choice.value))
 
-    def _add_views(self, settings: Sequence[Setting]) -> list[RunView]:
+    def _add_views(self, settings: Sequence[SceneSetup]) -> list[RunView]:
         shifts = _positions_side_by_side(settings)
         if len(settings) == 1:
             return [RunView(self.server, settings[0], "/run", shifts[0])]
@@ -203,7 +203,7 @@ class Page:
         return views
 
 
-def _positions_side_by_side(settings: Sequence[Setting]) -> Array:
+def _positions_side_by_side(settings: Sequence[SceneSetup]) -> Array:
     """Positions of runs side by side, square to the line of sight, shape (n, 3)."""
     away = settings[0].look_from - settings[0].look_at
     aside = np.cross((0.0, 0.0, 1.0), away)

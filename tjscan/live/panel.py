@@ -11,14 +11,14 @@ from jinja2 import Environment, PackageLoader
 from viser import uplot
 
 from tjscan.core.frames import Array
-from tjscan.live.colours import ColourScale, round_ends
+from tjscan.live.colours import ColourScale, round_scale_ends
 from tjscan.live.step import (
     BUTTONS_FACT_NAME,
     STATE_FACT,
     Measure,
     PlaneCurve,
     Sample,
-    Setting,
+    SceneSetup,
     StateDiagram,
     Step,
 )
@@ -40,8 +40,8 @@ LABEL_FONT: Final = "11px system-ui, sans-serif"
 LINE_COLOUR: Final = "#2a6fbb"
 BAND_COLOUR: Final = "rgba(42,111,187,0.35)"
 FIT_COLOUR: Final = "#d0452f"
-LARGE_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": LINE_COLOUR}
-SMALL_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 3}
+LARGE_CHART_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": LINE_COLOUR}
+SMALL_CHART_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 3}
 
 HTML_MACROS: Final = (
     Environment(loader=PackageLoader("tjscan.live", "."), autoescape=True, trim_blocks=True)
@@ -62,7 +62,7 @@ class Panel:
         Of the run.
     """
 
-    def __init__(self, server: viser.ViserServer, setting: Setting) -> None:
+    def __init__(self, server: viser.ViserServer, setting: SceneSetup) -> None:
         gui, self._setting = server.gui, setting
         self._facts = dict(EMPTY_FACTS)
         self.samples: list[Sample] = []
@@ -74,14 +74,14 @@ class Panel:
             gui,
             setting.plot_axis,
             "",
-            uplot.Series(label="value", stroke=LINE_COLOUR, width=0, points=LARGE_POINTS),
-            uplot.Series(label="+ sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
-            uplot.Series(label="- sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
+            uplot.Series(label="value", stroke=LINE_COLOUR, width=0, points=LARGE_CHART_POINTS),
+            uplot.Series(label="+ sigma", stroke=BAND_COLOUR, width=0, points=SMALL_CHART_POINTS),
+            uplot.Series(label="- sigma", stroke=BAND_COLOUR, width=0, points=SMALL_CHART_POINTS),
         )
         self._profile = _add_chart(
             gui,
             *PROFILE_AXES,
-            uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_POINTS),
+            uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_CHART_POINTS),
             uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
         )
         self._table = gui.add_html("", visible=False)
@@ -116,8 +116,8 @@ class Panel:
             self.diagram.content = _render("diagram", step.diagram)
         if step.profile is not None:
             x, *others = columns = profile_columns(step.profile)
-            ends = round_ends(np.concatenate(others))
-            _redraw_chart(self._profile, columns, x_ends=round_ends(x), y={"range": ends})
+            ends = round_scale_ends(np.concatenate(others))
+            _redraw_chart(self._profile, columns, x_ends=round_scale_ends(x), y={"range": ends})
         if step.samples and measure is not None:
             self.samples.extend(step.samples)
             self.plot(measure, scale)
@@ -134,7 +134,7 @@ class Panel:
     def plot(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
         columns = plot_columns(self.samples, measure.name)
-        x_ends = self._setting.plot_range or round_ends(columns[0])
+        x_ends = self._setting.plot_range or round_scale_ends(columns[0])
         ends = plot_range(*columns[1:3])
         scale_of_y: uplot.Scale = {"distr": 3} if measure.logarithmic else {"range": ends}
         _redraw_chart(self._plot, columns, x_ends=x_ends, y=scale_of_y)

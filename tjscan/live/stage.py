@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.frames import Array
 from tjscan.live.colours import ARM_COLOUR, SOLID_COLOUR, TOOL_COLOUR, Colour, ColourScale
 from tjscan.live.drawables import ArmPosture, BodyPose, Drawable, Lines, MeasuredPiece, Surface
-from tjscan.live.step import Setting
+from tjscan.live.step import SceneSetup
 from tjscan.robot.settings import Solid
 from tjscan.robot.visuals import link_bodies, solid_mesh
 
@@ -37,7 +37,7 @@ class Stage:
     """
 
     def __init__(
-        self, server: viser.ViserServer, setting: Setting, root: str, shift: Array
+        self, server: viser.ViserServer, setting: SceneSetup, root: str, shift: Array
     ) -> None:
         self._scene, self._root, self._arm = server.scene, root, setting.arm
         self._scene.add_frame(root, show_axes=False, position=shift)
@@ -97,7 +97,7 @@ class Stage:
                 self._pieces[name] = thing
                 self.nodes[name] = self._draw_piece(path, thing)
 
-    def _draw_arm(self, setting: Setting) -> None:
+    def _draw_arm(self, setting: SceneSetup) -> None:
         """Links as meshes; the tool is a child of the flange."""
         if setting.arm is None:
             return

@@ -182,7 +182,7 @@ def merge_steps(steps: Sequence[Step]) -> Step:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Setting:
+class SceneSetup:
     """What a run shows from its beginning to its end.
 
     Parameters
@@ -238,7 +238,7 @@ class RecordedShow:
         In their order.
     """
 
-    setting: Setting
+    setting: SceneSetup
     steps: tuple[Step, ...]
 
 
@@ -246,7 +246,7 @@ class Show(Protocol):
     """Turns what a run's journal receives into steps of the page."""
 
     @property
-    def setting(self) -> Setting:
+    def setting(self) -> SceneSetup:
         """What does not change."""
 
     def step(self, entry: object) -> Step:

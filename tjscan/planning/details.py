@@ -51,7 +51,7 @@ MEASURE_UNITS: Final = {
 }
 
 
-def compare_with_details(
+def find_stretches_off_details(
     edges: GrooveEdges, dihedral: Array, sigma: Array, details: Sequence[JointDetail]
 ) -> tuple[DetailStretch, ...]:
     """Compare every section with the details whose dihedral angles hold its own.

@@ -22,7 +22,7 @@ from tjscan.core.units import DEG, MM, MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.details import DetailStretch
 from tjscan.planning.plan import WeldPlan
-from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
+from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN
 
 Range = Annotated[tuple[float, float], Field(strict=False, description="least and most")]
 
@@ -41,7 +41,7 @@ MOST_TABLE_BYTES: Final = 200_000_000
 """A larger table of beads holds no plan."""
 
 FIELD_UNITS: Final = (
-    *(MM, MM2, DEG, MM_MIN, M_MIN, KJ_MM),
+    *(MM, MM2, DEG, MM_PER_MIN, M_PER_MIN, KJ_PER_MM),
     *(FileUnit("mm3", 1e-9), FileUnit("l", 1e-3), FileUnit("m"), FileUnit("kg"), FileUnit("s")),
 )
 """Units that the names of fields end with."""
@@ -315,14 +315,14 @@ def _fill_entry(model: type[Entry], *sources: object, **own: Any) -> Entry:
     """
     values = {}
     for name in model.model_fields.keys() - own.keys():
-        stem, _ = _stem_and_factor(name)
+        stem, _ = _field_stem_and_factor(name)
         source = next((one for one in sources if hasattr(one, stem)), None)
         if source is not None:  # the others have a default
             values[name] = _file_value(name, getattr(source, stem))
     return model(**values, **own)
 
 
-def _stem_and_factor(field: str) -> tuple[str, float]:
+def _field_stem_and_factor(field: str) -> tuple[str, float]:
     """Name of a field without its unit, and the unit's value in SI units."""
     found = [unit for unit in FIELD_UNITS if field.endswith(f"_{unit.suffix}")]
     unit = max(found, key=lambda one: len(one.suffix), default=FileUnit(""))
@@ -331,7 +331,7 @@ def _stem_and_factor(field: str) -> tuple[str, float]:
 
 def _file_value(field: str, value: Any) -> Any:
     """A value as the file has it: numbers in the unit of the field, least and most of several."""
-    factor = _stem_and_factor(field)[1]
+    factor = _field_stem_and_factor(field)[1]
     if isinstance(value, float):
         return float(f"{value / factor:.{SIGNIFICANT_DIGITS}g}")
     is_range = isinstance(value, tuple) and bool(value) and isinstance(value[0], float)
@@ -443,13 +443,13 @@ def _number_columns(bead: PlannedBead) -> dict[str, Array]:
     return {
         "s_mm": bead.s / MM.factor,
         **{"x_mm": x, "y_mm": y, "z_mm": z, "rx": rx, "ry": ry, "rz": rz},
-        "speed_mm_min": bead.speed / MM_MIN.factor,
-        "sigma_speed_mm_min": bead.relative_sigma * bead.speed / MM_MIN.factor,
-        "feed_m_min": np.full(len(bead.s), bead.feed / M_MIN.factor),
+        "speed_mm_min": bead.speed / MM_PER_MIN.factor,
+        "sigma_speed_mm_min": bead.relative_sigma * bead.speed / MM_PER_MIN.factor,
+        "feed_m_min": np.full(len(bead.s), bead.feed / M_PER_MIN.factor),
         "area_mm2": bead.area / MM2.factor,
         "sigma_area_mm2": bead.relative_sigma * bead.area / MM2.factor,
         "width_mm": bead.width / MM.factor,
-        "heat_kJ_mm": bead.heat / KJ_MM.factor,
+        "heat_kJ_mm": bead.heat / KJ_PER_MM.factor,
         "slope_deg": bead.slope / DEG.factor,
         "rotation_deg": bead.rotation / DEG.factor,
     }

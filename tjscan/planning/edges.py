@@ -185,7 +185,7 @@ def fit_groove_edges(
             key="sections",
         )
     welded = np.array([WELD_IN_GROOVE in section.conditions for section in sections])
-    corners[welded] = _with_areas(corners[welded], areas[welded])
+    corners[welded] = _move_toes_to_area(corners[welded], areas[welded])
     sigmas = np.array([section.sigmas[3] for section in sections])
     own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
     edges = fit_edges_to_corners(corners, _corner_sigmas(sections), own / areas, longest_step)
@@ -217,7 +217,7 @@ def _check_root_is_seen(
         )
 
 
-def _with_areas(corners: Array, areas: Array) -> Array:
+def _move_toes_to_area(corners: Array, areas: Array) -> Array:
     """Corners, shape (m, 4, 3), with p3 and p4 moved along their flanks until the area is given.
 
     The line between the toes of a weld is raised, or lowered, to where it bounds the area that is

@@ -19,10 +19,10 @@ from tjscan.planning.template import BeadCells
 from tjscan.planning.topology import Arrangement
 from tjscan.planning.wps import WeldingProcedure
 
-STEP_SHRINKAGE: Final = 0.8
+BEAD_STEP_SHRINKAGE: Final = 0.8
 """Factor by which a step that is too long is reduced."""
 
-SHORTEST_STEP: Final = 0.2e-3
+SHORTEST_BEAD_STEP: Final = 0.2e-3
 """Metres: no groove bends so sharply that beads need a shorter step."""
 
 POSITION_NAMES: Final = np.array(("PA", "PB", "PC", "PD", "PE"))
@@ -75,18 +75,18 @@ class ArrangedGroove:
             If the beads bend too sharply for any.
         """
         step = path.LONGEST_STATION_STEP
-        while step >= SHORTEST_STEP:
+        while step >= SHORTEST_BEAD_STEP:
             count = ceil((end - begin) / step)
             stations, cells = self.cut(np.linspace(begin, end, 2 * count + 1))
             points = stations.points_to_space(path.aim_points(cells))
             error, kink = path.chord_error_and_kink(points[::2], points[1::2])
-            if error <= path.CHORD_ERROR and kink <= path.LARGEST_KINK:
+            if error <= path.LARGEST_CHORD_ERROR and kink <= path.LARGEST_KINK:
                 return step
-            step *= STEP_SHRINKAGE
+            step *= BEAD_STEP_SHRINKAGE
         way = f"between s = {1e3 * begin:.0f} and {1e3 * end:.0f} mm"
         raise ConfigurationError(
             f"{way} the beads would bend by more than {np.degrees(path.LARGEST_KINK):g}° within "
-            f"{1e3 * SHORTEST_STEP:g} mm: corners of the sections jump there",
+            f"{1e3 * SHORTEST_BEAD_STEP:g} mm: corners of the sections jump there",
             key="sections",
         )
 

@@ -12,7 +12,7 @@ from tjscan.core.frames import Array, cross, unit_vectors
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.template import BeadCells, SectionTemplate
 
-CHORD_ERROR: Final = 0.1e-3
+LARGEST_CHORD_ERROR: Final = 0.1e-3
 """Metres between a bead's line and the chord of two stations, at most."""
 
 LARGEST_KINK: Final = np.radians(2.0)

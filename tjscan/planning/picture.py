@@ -13,9 +13,9 @@ from tjscan.core.units import MM
 from tjscan.planning.lay import ArrangedGroove, laying_order
 from tjscan.planning.path import bead_centroids
 from tjscan.planning.plan import WeldPlan
-from tjscan.planning.wps import KJ_MM, MM_MIN
+from tjscan.planning.wps import KJ_PER_MM, MM_PER_MIN
 
-DRAWN_SHARES: Final = (0.1, 0.5, 0.9)
+DRAWN_SECTION_PLACES: Final = (0.1, 0.5, 0.9)
 """Where along the groove sections are drawn, as shares of its length."""
 
 KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
@@ -25,12 +25,12 @@ def draw_plan(plan: WeldPlan) -> Figure:
     """Draw three sections with their beads, numbered in the order of welding, speed and heat."""
     figure = Figure(figsize=(14, 8), layout="constrained")
     grid = figure.add_gridspec(2, 6)
-    for k, share in enumerate(DRAWN_SHARES):
+    for k, share in enumerate(DRAWN_SECTION_PLACES):
         _draw_section(figure.add_subplot(grid[0, 2 * k : 2 * k + 2]), plan, share)
     for k, (name, unit, symbol, window) in enumerate(
         (
-            ("speed", MM_MIN, "mm/min", plan.wps.arc.travel_speed),
-            ("heat", KJ_MM, "kJ/mm", plan.wps.arc.heat_input),
+            ("speed", MM_PER_MIN, "mm/min", plan.wps.arc.travel_speed),
+            ("heat", KJ_PER_MM, "kJ/mm", plan.wps.arc.heat_input),
         )
     ):
         axes = figure.add_subplot(grid[1, 3 * k : 3 * k + 3])

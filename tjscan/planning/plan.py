@@ -18,7 +18,7 @@ from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import LONGEST_STATION_STEP, stations_at, template_at
 from tjscan.planning.stops import ZERO_SPAN, StationStretch, StopPlacement
 from tjscan.planning.topology import LIMIT_TOLERANCE, Arrangement, BeadArranger, NoArrangementFits
-from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN, WeldingProcedure
+from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN, WeldingProcedure
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +59,9 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     """
     table, limits = wps.limits(open_root=bead.open_root)
     checks: tuple[tuple[str, FileUnit, Array, tuple[float, float]], ...] = (
-        (f"{table}.wire_feed", M_MIN, np.full_like(bead.speed, bead.feed), limits.wire_feed),
-        (f"{table}.travel_speed", MM_MIN, bead.speed, limits.travel_speed),
-        (f"{table}.heat_input", KJ_MM, bead.heat, limits.heat_input),
+        (f"{table}.wire_feed", M_PER_MIN, np.full_like(bead.speed, bead.feed), limits.wire_feed),
+        (f"{table}.travel_speed", MM_PER_MIN, bead.speed, limits.travel_speed),
+        (f"{table}.heat_input", KJ_PER_MM, bead.heat, limits.heat_input),
         (f"bead.{bead.kind}_area", MM2, bead.area, getattr(wps.bead, f"{bead.kind}_area")),
     )
     for name, unit, values, (low, high) in checks:

@@ -65,7 +65,7 @@ class SmoothCurve:
         seen = np.maximum(seen, 0.0)
         modes = contrasts @ modes
         energy = np.sum((modes.T @ values) ** 2, axis=1)
-        self._strength = strength = _likeliest_strength(seen, energy, values.shape[1])
+        self._strength = strength = _likeliest_smoothing(seen, energy, values.shape[1])
         inverse = (modes / (1 + strength * seen)) @ modes.T
         covariance = strength * kernel + noise
         pseudo = np.linalg.pinv(trend)
@@ -106,7 +106,7 @@ class SmoothCurve:
         return polynomial_powers(x, len(self.trend))
 
 
-def _likeliest_strength(seen: Array, energy: Array, components: int) -> float:
+def _likeliest_smoothing(seen: Array, energy: Array, components: int) -> float:
     """Strength of the greatest restricted likelihood, of modes of variance 1 + strength · seen."""
 
     def cost(log_strength: float) -> float:

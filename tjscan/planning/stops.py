@@ -107,7 +107,7 @@ class StopPlacement:
             If the groove is too short for a layer.
         """
         whole = self.closed and len(zones) == 1
-        links = self._link_stretches(zones[0][0])
+        links = self._choose_station_chain(zones[0][0])
         seams = self._place_seams(links, layers, whole=whole)
         found = []
         for layer in range(layers):
@@ -194,14 +194,14 @@ class StopPlacement:
         for distance in (self.sequence.stop_distance, 0.0):
             at, found = begin, []
             for _ in range(layers):
-                at = self._clear_of_landmarks(at, sign, distance)
+                at = self._move_off_landmarks(at, sign, distance)
                 found.append(at)
                 at += sign * self.sequence.start_spread
             if sign * (end - found[-1]) >= -ZERO_SPAN:
                 return np.array(found)
         return np.linspace(begin, end, layers)
 
-    def _clear_of_landmarks(self, at: float, sign: float, distance: float) -> float:
+    def _move_off_landmarks(self, at: float, sign: float, distance: float) -> float:
         """The first place from one on that is far enough from all landmarks."""
         marks = self.landmarks
         if self.closed:
@@ -211,7 +211,7 @@ class StopPlacement:
                 at = float(mark + sign * distance)
         return at
 
-    def _link_stretches(self, begin: float) -> tuple[StationStretch, ...]:
+    def _choose_station_chain(self, begin: float) -> tuple[StationStretch, ...]:
         """Stretches that follow one another over the whole groove from its first zone on.
 
         Gaps belong to no station.

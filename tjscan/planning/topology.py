@@ -205,13 +205,13 @@ class BeadArranger:
                 f"{1e6 * low:g} mm²",
                 key="bead.fill_area_mm2",
             )
-        layers, corners = self._layer_numbers(), self.template.corners
+        layers, corners = self._possible_layer_counts(), self.template.corners
         bottom = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean())
         widths = bottom, float(self.template.opening.mean())
         roots = (1,) if self.root != "welded" else ()
         return {n: _spread_over_layers(n, layers, widths, roots) for n in range(first, last + 1)}
 
-    def _layer_numbers(self) -> range:
+    def _possible_layer_counts(self) -> range:
         """Numbers of layers whose mean height is in its window."""
         depth = self.template.layer_heights(
             self.template.layer_lines(np.empty((len(self.template.corners), 0)))

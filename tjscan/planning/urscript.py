@@ -19,7 +19,7 @@ from tjscan.core.pose_vector import pose_to_vector
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.wps import TorchSettings
 
-BLEND_SHARE: Final = 0.2
+BLEND_RADIUS_SHARE: Final = 0.2
 """Radius of a blend as a share of the shorter step beside it: blends never touch."""
 
 TOOL_ACCELERATION: Final = 0.5
@@ -28,7 +28,7 @@ TOOL_ACCELERATION: Final = 0.5
 AIR_MOVE_SPEED: Final = 0.05
 """m/s, between beads."""
 
-JOINT_SPEED: Final = 0.2
+APPROACH_JOINT_SPEED: Final = 0.2
 """rad/s of the leading joint, to where the first bead begins."""
 
 
@@ -95,7 +95,7 @@ def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, ar
         f"  set_standard_digital_out({output}, False)",
         f"  set_tcp({_pose_text(torch.tcp.T)})",
         "  # nobody has checked the way from where the arm stands to here",
-        f"  movej([{joints}], a={TOOL_ACCELERATION}, v={JOINT_SPEED})",
+        f"  movej([{joints}], a={TOOL_ACCELERATION}, v={APPROACH_JOINT_SPEED})",
     ]
     for one in path.beads:
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
@@ -112,7 +112,7 @@ def _bead_moves(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
     for i, T in enumerate(one.path[1:], start=1):
         # A step has one speed: that between its ends.
         speed = 2 / (1 / bead.speed[i - 1] + 1 / bead.speed[i])
-        blend = BLEND_SHARE * min(steps[i - 1], steps[i]) if i < len(steps) else 0.0
+        blend = BLEND_RADIUS_SHARE * min(steps[i - 1], steps[i]) if i < len(steps) else 0.0
         yield f"  movep({_pose_text(T)}, a={TOOL_ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
     yield f"  set_standard_digital_out({output}, False)"
 

@@ -13,7 +13,7 @@ from tjscan.core.units import MM
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import PlanDocument
 from tjscan.planning.plan import WeldPlan
-from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
+from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN
 
 
 def weldx_is_installed() -> bool:
@@ -65,8 +65,8 @@ def _bead_settings(weldx: Any, bead: PlannedBead, times: Any) -> dict[str, Any]:
         "bead": bead.number,
         "part": bead.part,
         "kind": bead.kind,
-        "wire_feed": weldx.Q_(bead.feed / M_MIN.factor, "m/min"),
+        "wire_feed": weldx.Q_(bead.feed / M_PER_MIN.factor, "m/min"),
         "power": weldx.Q_(bead.power, "W"),
-        "travel_speed": over_time(bead.speed / MM_MIN.factor, "mm/min"),
-        "heat_input": over_time(bead.heat / KJ_MM.factor, "kJ/mm"),
+        "travel_speed": over_time(bead.speed / MM_PER_MIN.factor, "mm/min"),
+        "heat_input": over_time(bead.heat / KJ_PER_MM.factor, "kJ/mm"),
     }

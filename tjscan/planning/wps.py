@@ -21,9 +21,9 @@ from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, Pose
 from tjscan.core.units import SettingsTable as Table
 from tjscan.robot.settings import SolidSettings
 
-MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
-M_MIN: Final = FileUnit("m_min", 1 / 60)
-KJ_MM: Final = FileUnit("kJ_mm", 1e6)
+MM_PER_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
+M_PER_MIN: Final = FileUnit("m_min", 1 / 60)
+KJ_PER_MM: Final = FileUnit("kJ_mm", 1e6)
 LITRE_PER_MINUTE: Final = FileUnit("l_min", 1e-3 / 60)
 KG_PER_CUBIC_METRE: Final = FileUnit("kg_m3")
 CELSIUS_UNIT: Final = FileUnit("C")
@@ -98,8 +98,8 @@ class ArcSettings(Table):
         Shielding gas, m³/s.
     """
 
-    wire_feed: Annotated[_Window, M_MIN]
-    travel_speed: Annotated[_Window, MM_MIN]
+    wire_feed: Annotated[_Window, M_PER_MIN]
+    travel_speed: Annotated[_Window, MM_PER_MIN]
     power: Annotated[
         tuple[_PowerRow, ...],
         MinLen(2),
@@ -108,7 +108,7 @@ class ArcSettings(Table):
         LIST_OR_WORD_IN_FILE,
     ]
     thermal_efficiency: _Share
-    heat_input: Annotated[_Window, KJ_MM]
+    heat_input: Annotated[_Window, KJ_PER_MM]
     gas_flow: Annotated[float, Ge(0), LITRE_PER_MINUTE]
 
     def __post_init__(self) -> None:
@@ -117,13 +117,13 @@ class ArcSettings(Table):
 
     def has_power_for(self, feeds: tuple[float, float]) -> bool:
         """Whether the table of power reaches from end to end of a window of wire feeds, m/s."""
-        lowest, highest = self.power[0][0] * M_MIN.factor, self.power[-1][0] * M_MIN.factor
+        lowest, highest = self.power[0][0] * M_PER_MIN.factor, self.power[-1][0] * M_PER_MIN.factor
         return feeds[0] >= lowest * (1 - 1e-9) and feeds[1] <= highest * (1 + 1e-9)
 
     def power_at(self, feed: Array) -> Array:
         """Power of the arc in watts at wire feeds in m/s: current and voltage linear between."""
         rows = np.array(self.power)
-        at = rows[:, 0] * M_MIN.factor
+        at = rows[:, 0] * M_PER_MIN.factor
         return np.asarray(np.interp(feed, at, rows[:, 1]) * np.interp(feed, at, rows[:, 2]))
 
 
@@ -192,9 +192,9 @@ class RootSettings(Table):
     opening: Annotated[_Window, MM]
     backing: bool
     penetration: Annotated[float, Ge(0), Le(20), MM]
-    wire_feed: Annotated[_Window, M_MIN]
-    travel_speed: Annotated[_Window, MM_MIN]
-    heat_input: Annotated[_Window, KJ_MM]
+    wire_feed: Annotated[_Window, M_PER_MIN]
+    travel_speed: Annotated[_Window, MM_PER_MIN]
+    heat_input: Annotated[_Window, KJ_PER_MM]
     tacks: Literal["fuse", "skip"]
     tack_length: Annotated[float, Gt(0), Le(500), MM]
 

@@ -88,7 +88,7 @@ def pose_array_message(time: int, frame: str, poses: Array) -> RosMessage:
         turn = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
         position = dict(zip("xyz", T[:3, 3].tolist(), strict=True))
         rows.append({"position": position, "orientation": dict(zip("xyzw", turn, strict=True))})
-    return RosMessage(POSE_ARRAY_TYPE, {"header": _message_header(time, frame), "poses": rows})
+    return RosMessage(POSE_ARRAY_TYPE, {"header": _ros_message_header(time, frame), "poses": rows})
 
 
 def joint_trajectory_message(time: int, names: Sequence[str], q: Array, times: Array) -> RosMessage:
@@ -116,7 +116,7 @@ def joint_trajectory_message(time: int, names: Sequence[str], q: Array, times: A
         for angles, at in zip(q.tolist(), times.tolist(), strict=True)
     ]
     # No frame: angles are those of the joints that are named.
-    fields = {"header": _message_header(time, ""), "joint_names": list(names), "points": points}
+    fields = {"header": _ros_message_header(time, ""), "joint_names": list(names), "points": points}
     return RosMessage(JOINT_TRAJECTORY_TYPE, fields)
 
 
@@ -138,7 +138,7 @@ def write_ros_messages(file: BinaryIO, time: int, messages: Mapping[str, RosMess
             writer.write_message(topic, schema, message.fields, log_time=time)
 
 
-def _message_header(time: int, frame: str) -> dict[str, Any]:
+def _ros_message_header(time: int, frame: str) -> dict[str, Any]:
     return {"stamp": _seconds_and_nanoseconds(time), "frame_id": frame}
 
 

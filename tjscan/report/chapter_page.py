@@ -40,7 +40,7 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
         moving=chapter.animation,
         animation=None if chapter.animation is None else chapter.animation.as_json(),
         pictures=list(draw_chapter_charts(chapter.charts, narrow=chapter.sheet is not None)),
-        events=chapter.events[: picture.MOST_EVENTS],
+        events=chapter.events[: picture.MOST_LISTED_EVENTS],
         provenance=head.header_entries,
     )
 

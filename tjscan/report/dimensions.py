@@ -35,7 +35,7 @@ def clock_text(azimuth: float) -> str:
     return f"{minutes // 60 or 12}:{minutes % 60:02d}"
 
 
-SEARCH_DISTANCE: Final = 30e-3
+CORNER_SEARCH_DISTANCE: Final = 30e-3
 """Metres from a measured corner within which its designed one is sought."""
 
 COVERAGE_SIGMAS: Final = 2.0
@@ -162,7 +162,7 @@ def _dimensions_of_section(
     yield _dimension_from_si(name, width + lost, sigmas[1], designed[1], allowed.root_opening)
     if drawing is not None:
         # An open root's p3 is the outer edge of its face, which ends at the brace's bore.
-        face, sigma = _place_along(section, 1, _outward_from_brace(section.points[2]))
+        face, sigma = _corner_along(section, 1, _outward_from_brace(section.points[2]))
         unseen = 0.0 if is_open and not hidden[1] else nan
         depth = face - drawing.brace_inner_radius + unseen
         yield _dimension_from_si("root face", depth, sigma, drawing.root_face, allowed.root_face)
@@ -175,11 +175,11 @@ def _high_low_dimensions(
     section: MeasuredSection, hidden: Array, drawing: JointDefinition
 ) -> Iterator[Dimension]:
     """How far the brace at p2 and the leg at p4 stand out of where they are drawn."""
-    wall, sigma = _place_along(section, 0, _outward_from_brace(section.points[1]))
+    wall, sigma = _corner_along(section, 0, _outward_from_brace(section.points[1]))
     off = wall - drawing.brace_radius + (nan if hidden[0] else 0.0)
     yield _dimension_from_si("high-low, brace", off, sigma, 0.0, drawing.tolerance.high_low)
     leg = drawing.leg_surface
-    _, sigma = _place_along(section, 2, leg.normal(section.points[3]))
+    _, sigma = _corner_along(section, 2, leg.normal(section.points[3]))
     off = float(leg.signed_distances(section.points[3])) + (nan if hidden[2] else 0.0)
     yield _dimension_from_si("high-low, leg", off, sigma, 0.0, drawing.tolerance.high_low)
 
@@ -189,7 +189,7 @@ def _outward_from_brace(point: Array) -> Array:
     return radial_direction(float(np.arctan2(point[1], point[0])))
 
 
-def _place_along(section: MeasuredSection, corner: int, direction: Array) -> tuple[float, float]:
+def _corner_along(section: MeasuredSection, corner: int, direction: Array) -> tuple[float, float]:
     """Place of p2, p3 or p4 along a unit vector, and its standard deviation, metres."""
     place = float(section.points[corner + 1] @ direction)
     return place, float(np.sqrt(direction @ section.covariances[corner] @ direction))
@@ -231,7 +231,7 @@ def _designed_measures_of_section(
 ) -> Array:
     T_g_j = inverse_pose(section.T_r_g)
     corners = [
-        _cut_by_plane(line, T_g_j, corner)
+        _intersect_line_with_plane(line, T_g_j, corner)
         for line, corner in zip(lines, section.points[1:4], strict=True)
     ]
     if any(corner is None for corner in corners):
@@ -259,7 +259,7 @@ def _direction_in_plane(normal_g: Array) -> Array:
     return np.asarray(direction * np.sign(direction[1] + direction[2]))
 
 
-def _cut_by_plane(line: ClosedPolyline, T_g_j: Array, near: Array) -> Array | None:
+def _intersect_line_with_plane(line: ClosedPolyline, T_g_j: Array, near: Array) -> Array | None:
     """Where a line goes through the section's plane, nearest to a point, in frame j."""
     points = line.points_j
     x = points @ T_g_j[0, :3] + T_g_j[0, 3]
@@ -271,7 +271,7 @@ def _cut_by_plane(line: ClosedPolyline, T_g_j: Array, near: Array) -> Array | No
     ends = np.roll(points, -1, axis=0)[starts]
     cuts = points[starts] + share * (ends - points[starts])
     apart = np.linalg.norm(cuts - near, axis=1)
-    return np.asarray(cuts[apart.argmin()]) if apart.min() < SEARCH_DISTANCE else None
+    return np.asarray(cuts[apart.argmin()]) if apart.min() < CORNER_SEARCH_DISTANCE else None
 
 
 class FitUpCell(NamedTuple):

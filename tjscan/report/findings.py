@@ -17,7 +17,7 @@ from tjscan.result.summary import LOOP_OPEN_TEXT, StitchingReport
 GAP_RATIO: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
 
-UNFIT_CHI2: Final = 9.0
+POOR_OVERLAP_CHI2: Final = 9.0
 """Reduced chi-squared of an overlap above which a finding states it: three times the errors."""
 
 UNSURE_SIGMA_MM: Final = 0.2
@@ -71,7 +71,7 @@ def _stitching_findings(report: StitchingReport) -> Iterator[str]:
     elif report.loop_gap_after_mm is None:
         yield f"All of it was seen, but {LOOP_OPEN_TEXT}."
     for one in report.overlaps:
-        if one.misfit > UNFIT_CHI2:
+        if one.misfit > POOR_OVERLAP_CHI2:
             yield (
                 f"Stations {' and '.join(one.stations)} fit at {one.azimuth_deg:.0f}° "
                 f"{np.sqrt(one.misfit):.1f} times worse than their errors explain."
@@ -119,7 +119,7 @@ def _comparison_findings(comparison: Comparison) -> Iterator[str]:
     yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in comparison.warnings)
 
 
-def wide_steps(data: ReportData) -> dict[int, float]:
+def find_section_gaps(data: ReportData) -> dict[int, float]:
     """Millimetres between sections and the next ones, by place, where they leave a gap."""
     origins = np.array([section.T_r_g[:3, 3] for section in data.sections])
     steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
@@ -129,7 +129,7 @@ def wide_steps(data: ReportData) -> dict[int, float]:
 
 
 def _gap_findings(data: ReportData) -> Iterator[str]:
-    for k, step in wide_steps(data).items():
+    for k, step in find_section_gaps(data).items():
         first, second = data.sections[k], data.sections[k + 1]
         where = ""
         if not np.isnan(first.azimuth):

@@ -12,7 +12,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 SCREEN_DPI: Final = 110
-MOST_EVENTS: Final = 200
+MOST_LISTED_EVENTS: Final = 200
 """Events that a page lists; a run with more has other troubles."""
 
 LINE_WITH_DOTS_STYLE: Final[dict[str, Any]] = {"marker": "o", "markersize": 3}

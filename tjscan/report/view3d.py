@@ -17,7 +17,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.report.charts import indices_near_groove
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import clock_text
-from tjscan.report.findings import is_closed, wide_steps
+from tjscan.report.findings import find_section_gaps, is_closed
 from tjscan.result.section import UNIT_SYMBOLS, absent_corners, measure_columns
 from tjscan.result.wireframe import ghost_of_joint, joint_wireframe
 
@@ -25,14 +25,14 @@ MOST_SHOWN_POINTS: Final = 40_000
 """A page of more would be slow, and too large."""
 
 SEQUENTIAL, DIVERGING = "viridis", "coolwarm"
-SHADE_COUNT: Final = 9
+SCALE_SHADES: Final = 9
 """Between which the page mixes colours."""
 
 SHOWN_MEASURES: Final = ("groove_angle", "root_width", "depth")
 """Measures that the groove is coloured by."""
 
 
-def view_data(data: ReportData) -> dict[str, Any]:
+def groove_view_data(data: ReportData) -> dict[str, Any]:
     """All that the view draws and shows, in millimetres and degrees, for JSON.
 
     Parameters
@@ -63,7 +63,7 @@ def view_data(data: ReportData) -> dict[str, Any]:
             }
             for k, section in enumerate(data.sections)
         ],
-        "joined": _seen_neighbour_pairs(data),
+        "joined": _neighbours_without_gap(data),
         "quantities": quantities,
         "points": points,
         "ghost": _ghost_of_joint(data.joint),
@@ -71,9 +71,9 @@ def view_data(data: ReportData) -> dict[str, Any]:
     }
 
 
-def _seen_neighbour_pairs(data: ReportData) -> list[list[int]]:
+def _neighbours_without_gap(data: ReportData) -> list[list[int]]:
     """Pairs of neighbouring sections between which the groove was seen."""
-    n, wide = len(data.sections), wide_steps(data)
+    n, wide = len(data.sections), find_section_gaps(data)
     pairs = [[k, k + 1] for k in range(n - 1) if k not in wide]
     return [*pairs, [n - 1, 0]] if is_closed(data) else pairs
 
@@ -112,7 +112,7 @@ def _quantity_with_scale(
     name: str, unit: str, limits: tuple[float, float], colours: str
 ) -> dict[str, Any]:
     """A quantity without values, and its scale of colours."""
-    shades = [to_hex(colour) for colour in colormaps[colours](np.linspace(0, 1, SHADE_COUNT))]
+    shades = [to_hex(colour) for colour in colormaps[colours](np.linspace(0, 1, SCALE_SHADES))]
     scale = {"low": limits[0], "high": limits[1], "colours": shades}
     return {"name": name, "unit": unit, **scale, "values": None, "sigmas": None}
 

@@ -17,9 +17,9 @@ from tjscan.report.chapter_page import draw_sheet_picture, render_chapter_page
 from tjscan.report.data import ReportData, read_report_data, station_folders
 from tjscan.report.dimensions import fit_up_table
 from tjscan.report.drawings import draw_sections
-from tjscan.report.picture import MOST_EVENTS, load_template
+from tjscan.report.picture import MOST_LISTED_EVENTS, load_template
 from tjscan.report.profiles import draw_fitted_profiles
-from tjscan.report.view3d import view_data
+from tjscan.report.view3d import groove_view_data
 from tjscan.result.chapter import ReportSheet
 from tjscan.result.directory import job_label_of_run
 from tjscan.result.picture import write_png
@@ -67,7 +67,7 @@ def render_report_page(data: ReportData) -> str:
         station_facts=list(_station_fact_rows(data)),
         findings=list(findings.report_findings(data)),
         pictures={name: draw(data) for name, draw in REPORT_PICTURES.items()},
-        scene=view_data(data),
+        scene=groove_view_data(data),
         drawings=draw_sections(data),
         fit_up=fit_up_table(data),
         by_the_clock=data.unwrapped_azimuths is not None,
@@ -78,7 +78,7 @@ def render_report_page(data: ReportData) -> str:
         ],
         scans=[*scans, ("all" if several else "scan", data.summary)],
         events=[(place.name, event) for place in data.places for event in place.events][
-            :MOST_EVENTS
+            :MOST_LISTED_EVENTS
         ],
         stitching=stitching,
         measures=_measure_rows(data),

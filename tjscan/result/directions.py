@@ -24,7 +24,7 @@ FEWEST_NEIGHBOURS: Final = 5
 POLYNOMIAL_DEGREE: Final = 3
 """Of the polynomial through them: a tube's edge bends, and bends differently along its way."""
 
-WEIGHT_WIDTH: Final = 0.4
+NEIGHBOUR_WEIGHT_SIGMA: Final = 0.4
 """Standard deviation of the neighbours' weights, as a share of the width: near ones count more.
 
 On the edge of a 457 mm brace on a 600 mm leg, noise of 0.05 mm included, nine directions of ten
@@ -114,7 +114,7 @@ def _local_slope(s: Array, points: Array, i: int) -> Array:
     reach = max(NEIGHBOUR_DISTANCE, float(np.sort(away)[min(FEWEST_NEIGHBOURS, len(s)) - 1]))
     near = away <= reach
     u = (s[near] - s[i]) / reach
-    weights = np.exp(-0.5 * (u / WEIGHT_WIDTH) ** 2)[:, None]
+    weights = np.exp(-0.5 * (u / NEIGHBOUR_WEIGHT_SIGMA) ** 2)[:, None]
     degree = min(POLYNOMIAL_DEGREE, len(np.unique(u)) - 1)
     powers = u[:, None] ** np.arange(degree + 1)
     coefficients, *_ = np.linalg.lstsq(weights * powers, weights * points[near])

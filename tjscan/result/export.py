@@ -46,11 +46,11 @@ def _type_in_json(field: SectionQuantity) -> Any:
     return kind | None if field.blank else kind
 
 
-SECTION_KEYS: Final[dict[str, Any]] = {
+EXPORT_FIELDS: Final[dict[str, Any]] = {
     field.name: (_type_in_json(field), Described(description=field.meaning))
     for field in SECTION_FIELDS
 }
-SECTION_MODEL: Final[Any] = create_model("Section", __base__=StrictFileModel, **SECTION_KEYS)
+SECTION_MODEL: Final[Any] = create_model("Section", __base__=StrictFileModel, **EXPORT_FIELDS)
 EXPORT_HEAD_FIELDS: Final[dict[str, Any]] = {
     "schema_name": (Literal["tjscan.groove"], "tjscan.groove"),
     "version": (Literal[3], 3),
@@ -180,7 +180,7 @@ def export_run(
     return file
 
 
-WELDX_ROOTS = {"j": "joint", "b": "arm base"}
+WELDX_ROOT_FRAME_NAMES = {"j": "joint", "b": "arm base"}
 """What the frame of the result is called in the tree of frames."""
 
 
@@ -214,7 +214,7 @@ def write_weldx(
     weldx: Any = import_module("weldx")
     unit = provenance.length
     per_metre = 1e3 if unit == "mm" else 1.0
-    root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
+    root = WELDX_ROOT_FRAME_NAMES.get(provenance.frame, provenance.frame)
     frames = weldx.CoordinateSystemManager(root, "groove")
     for k, section in enumerate(sections):
         T = pose_from_rounded_matrix(section.T_r_g)  # weldx is strict about rotations

@@ -32,7 +32,7 @@ PATH_COLOUR: Final = "#2ca02c"
 MOST_POINTS_DRAWN: Final = 6000
 """More would only make the picture slow."""
 
-MOST_NUMBERS_DRAWN: Final = 24
+MOST_SECTION_NUMBERS_DRAWN: Final = 24
 """Numbers of sections that can be distinguished."""
 
 PANEL_ASPECT: Final = 1.3
@@ -78,7 +78,7 @@ def draw_groove_3d(
     scale = Normalize(angles.min(), max(angles.max(), angles.min() + 1e-3))
     for section, angle in zip(corners, angles, strict=True):
         axes.plot(*section.T, color=colormaps[ANGLE_COLOURS](scale(angle)), linewidth=1.6)
-    for k in range(0, len(sections), ceil(len(sections) / MOST_NUMBERS_DRAWN)):
+    for k in range(0, len(sections), ceil(len(sections) / MOST_SECTION_NUMBERS_DRAWN)):
         p4, p5 = corners[k, 3:]
         at = p5 + 14 * (p5 - p4) / max(float(np.linalg.norm(p5 - p4)), 1e-9)
         axes.text(*at, str(sections[k].index), fontsize="small", ha="center", va="center")
@@ -129,7 +129,7 @@ def _draw_coordinate_axes(axes: Any, frame: str, low: Array) -> None:
     axes.text(*(low - (0, 0, 110)), "axes: 100 mm", fontsize="small", ha="center", va="center")
 
 
-PRINT_STYLE: Final[dict[Any, Any]] = {
+PRINTED_FIGURE_STYLE: Final[dict[Any, Any]] = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.linewidth": 0.6,
@@ -180,7 +180,7 @@ def draw_groove_overview(
     example : ProfileReading, optional
         A section to show in the laser plane; depth and area are shown if left out.
     """
-    with rc_context(PRINT_STYLE):
+    with rc_context(PRINTED_FIGURE_STYLE):
         figure = Figure(figsize=(9.6, 5.2), dpi=PRINTED_DPI, layout="constrained")
         grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
         space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)

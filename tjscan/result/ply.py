@@ -13,7 +13,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import FIELD_BY_NAME
 
-NORMAL_OF_POINT: Final = ("wall_normal", "wall_normal", "bevel_normal", "leg_normal", "leg_normal")
+CORNER_NORMALS: Final = ("wall_normal", "wall_normal", "bevel_normal", "leg_normal", "leg_normal")
 """Whose normal p1 to p5 are given: that of the surface they belong to."""
 
 SECTION_PROPERTIES: Final = (
@@ -56,10 +56,10 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
 
     sigmas = np.full((n, 5), np.nan)
     sigmas[:, 1:4] = printed("corner_sigmas")
-    normals = {name: printed(name) for name in dict.fromkeys(NORMAL_OF_POINT)}
+    normals = {name: printed(name) for name in dict.fromkeys(CORNER_NORMALS)}
     columns = (
         printed("points").reshape(-1, 3),
-        np.stack([normals[name] for name in NORMAL_OF_POINT], axis=1).reshape(-1, 3),
+        np.stack([normals[name] for name in CORNER_NORMALS], axis=1).reshape(-1, 3),
         np.repeat(printed("tangent"), 5, axis=0),
         np.repeat(printed("azimuth"), 5)[:, None],
         sigmas.reshape(-1, 1),

@@ -445,7 +445,7 @@ SECTION_FIELDS: Final = (
 )
 """Every quantity of a section."""
 
-MEASURED_FIELDS: Final = tuple(field for field in SECTION_FIELDS if not field.derived)
+UNDERIVED_SECTION_FIELDS: Final = tuple(field for field in SECTION_FIELDS if not field.derived)
 """What a section is made of again."""
 
 FIELD_BY_NAME: Final = {field.name: field for field in SECTION_FIELDS}

@@ -41,7 +41,7 @@ LOOP_OPEN_TEXT: Final = (
 
 Triple = tuple[float, float, float]
 
-SUMMED_KEYS: Final = (
+SUMMED_SUMMARY_KEYS: Final = (
     "scans",
     "half_steps",
     "flange_travel_mm",
@@ -223,7 +223,7 @@ def summarise_stations(
         ),
         scans_per_section=scans / untaught if untaught else None,
         uncertainty=uncertainty,
-        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED_KEYS},
+        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED_SUMMARY_KEYS},
     )
 
 

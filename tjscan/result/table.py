@@ -19,8 +19,8 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import (
     FIELD_BY_NAME,
-    MEASURED_FIELDS,
     SECTION_FIELDS,
+    UNDERIVED_SECTION_FIELDS,
     SectionQuantity,
     section_from_values,
 )
@@ -29,7 +29,7 @@ COMMENT_MARK: Final = "#"
 """What the lines above the table begin with."""
 
 SECTIONS_CSV_FIELDS: Final = tuple(
-    field for field in SECTION_FIELDS if field in MEASURED_FIELDS or field.name == "s"
+    field for field in SECTION_FIELDS if field in UNDERIVED_SECTION_FIELDS or field.name == "s"
 )
 """Fields of ``sections.csv``."""
 
@@ -181,7 +181,7 @@ def _check_column_names(file: Path, line: int, head: Sequence[str]) -> None:
 
 def _section_of_row(row: _SectionRow) -> MeasuredSection:
     """The section of a line, its numbers checked."""
-    values = {field.name: row.value(field) for field in MEASURED_FIELDS}
+    values = {field.name: row.value(field) for field in UNDERIVED_SECTION_FIELDS}
     index = float(values["index"])
     if index != int(index):
         raise row.error(f"{index:g} is no whole number", "index")

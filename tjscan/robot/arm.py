@@ -100,7 +100,7 @@ class Arm(Device, Protocol):
 LARGEST_TURN_AT_REST: Final = 2e-4
 """Radians a joint may turn while the arm rests: more than encoders flicker, 0.2 mm at 1 m."""
 
-REST_DURATION: Final = 0.25
+LEAST_REST_DURATION: Final = 0.25
 """Seconds for which no joint may turn further."""
 
 REST_TIMEOUT: Final = 10.0
@@ -141,7 +141,7 @@ def await_rest(
         state, moment = arm.state(), now()
         if largest_joint_rotation(start, state) > LARGEST_TURN_AT_REST:
             since, start = moment, state
-        elif moment - since >= REST_DURATION:
+        elif moment - since >= LEAST_REST_DURATION:
             return state
         if moment > until:
             raise ArmFault(

@@ -128,7 +128,7 @@ its nominal model, far less than another configuration does."""
 Way = Sequence[tuple[bool, Array, Array | None]]
 """Segments of a way: each straight or in joint space, its end, joint angles near its end."""
 
-LARGEST_JOINT_SWEEP: Final = np.pi / 2
+LARGEST_MOVE_JOINT_TURN: Final = np.pi / 2
 """Radians a joint may turn on a move that has to end near given joint angles: where
 one runs into its limit, the same pose a whole turn away is not near."""
 
@@ -438,7 +438,7 @@ class CollisionCheckedArm:
 def _check_joints_stay_near(q: Array, T_b_f: Array, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
     away = np.abs(q - near)
-    if away.max() > LARGEST_JOINT_SWEEP:
+    if away.max() > LARGEST_MOVE_JOINT_TURN:
         i = int(away.argmax())
         raise PoseUnreachable(
             f"joint {i + 1} would turn by {np.degrees(away[i]):.0f} deg to hold it: the joints "

@@ -50,7 +50,7 @@ KEPT_CONFIGURATION_DISTANCE: Final = 0.5
 SINGULARITY_THRESHOLD: Final = 0.05
 """Smallest singular value below which joints have to run to let the flange walk."""
 
-SEED_COUNT: Final = 64
+DESCENT_SEED_COUNT: Final = 64
 """Seeds tried if there is no closed form."""
 
 SAME_SOLUTION_TOLERANCE: Final = 1e-3
@@ -365,8 +365,8 @@ class Kinematics:
             T_0_6 = T_root_0.actInv(target) * T_6_f.inverse()
             return all_inverse_solutions(self._geometry, T_0_6.homogeneous, float(near[5]))
         random = np.random.default_rng(0)
-        spread = np.linspace(0.2, np.pi, SEED_COUNT)[:, None]
-        seeds = near + spread * random.standard_normal((SEED_COUNT, near.size))
+        spread = np.linspace(0.2, np.pi, DESCENT_SEED_COUNT)[:, None]
+        seeds = near + spread * random.standard_normal((DESCENT_SEED_COUNT, near.size))
         return np.clip(seeds, self.lower, self.upper)
 
     def _choose_nearest_turns(self, q: Array, near: Array) -> Array:

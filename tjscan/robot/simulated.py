@@ -21,7 +21,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
 from tjscan.robot.settings import ArmErrorSettings
 
-RANDOM_STREAM: Final = 3
+ARM_MAKE_STREAM: Final = 3
 """Keeps the random numbers of an arm's make apart from those of its moves."""
 
 
@@ -64,7 +64,7 @@ class SimulatedArmErrors:
             Decides which one, unless the settings do.
         """
         own = seed if settings.seed is None else settings.seed
-        rng = np.random.default_rng([own, RANDOM_STREAM])
+        rng = np.random.default_rng([own, ARM_MAKE_STREAM])
         n = len(nominal.lower)
         deviations = settings.sigmas * rng.standard_normal((n, 6))
         return cls(

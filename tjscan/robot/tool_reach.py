@@ -17,15 +17,15 @@ import numpy as np
 from tjscan.core.frames import Array, Mask, inverse_pose, pose, rot_z
 from tjscan.robot.kinematics import Kinematics
 
-TRIED_SPINS: Final = 72
+SPIN_COUNT: Final = 72
 """Of the tool about its axis that are tried, evenly round."""
 
-LARGEST_SPIN_CHANGE: Final = 3
+LARGEST_SPIN_STEPS: Final = 3
 """By how many of these the spin may change from one place to the next."""
 
-_SPIN_CHANGES: Final = tuple(range(-LARGEST_SPIN_CHANGE, LARGEST_SPIN_CHANGE + 1))
+_SPIN_CHANGES: Final = tuple(range(-LARGEST_SPIN_STEPS, LARGEST_SPIN_STEPS + 1))
 
-JUMP_ANGLE: Final = np.radians(30.0)
+JOINT_JUMP_ANGLE: Final = np.radians(30.0)
 """A joint that turns further from one place to the next is taken to jump."""
 
 OUT_OF_REACH_TEXT: Final = "out of the arm's reach"
@@ -86,12 +86,12 @@ class ToolConfigurations:
         closed: bool,
     ) -> None:
         m, n = poses.shape[:2]
-        spun = np.array([pose(rot_z(2 * np.pi * k / TRIED_SPINS)) for k in range(TRIED_SPINS)])
+        spun = np.array([pose(rot_z(2 * np.pi * k / SPIN_COUNT)) for k in range(SPIN_COUNT)])
         T_tool_f = inverse_pose(T_f_tool)
-        first, can, hindrances = [], np.zeros((m, TRIED_SPINS, 8), dtype=bool), []
+        first, can, hindrances = [], np.zeros((m, SPIN_COUNT, 8), dtype=bool), []
         for i in range(m):
             T = poses[i][:, None] @ spun @ T_tool_f
-            q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, TRIED_SPINS, 8, 6)
+            q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, SPIN_COUNT, 8, 6)
             first.append(q[0])
             beyond = [kinematics.excess(q + 2 * np.pi * turn) for turn in (-1, 0, 1)]
             within = np.isfinite(q) & (np.min(beyond, axis=0) <= 0)
@@ -158,9 +158,9 @@ class ToolConfigurations:
         spin, branch = np.unravel_index(int(np.argmin(cost)), cost.shape)
         chosen = [int(spin)]
         for step in reversed(before):
-            chosen.append((chosen[-1] - _SPIN_CHANGES[step[chosen[-1], branch]]) % TRIED_SPINS)
+            chosen.append((chosen[-1] - _SPIN_CHANGES[step[chosen[-1], branch]]) % SPIN_COUNT)
         chosen.reverse()
-        spins = np.unwrap(2 * np.pi * np.array(chosen) / TRIED_SPINS)
+        spins = np.unwrap(2 * np.pi * np.array(chosen) / SPIN_COUNT)
         return spins, np.unwrap(self.q[places, chosen, branch], axis=0)
 
     def _last_place_reached(self, first: int, limit: int) -> int:
@@ -187,6 +187,6 @@ def _squared_turns(can: Mask, q: Array) -> Array:
             turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
             both = np.roll(can[a], k, axis=0) & can[b]
             with np.errstate(invalid="ignore"):
-                goes = both & (np.abs(turn).max(axis=2) <= JUMP_ANGLE)
+                goes = both & (np.abs(turn).max(axis=2) <= JOINT_JUMP_ANGLE)
             found.append(np.where(goes, np.sum(turn**2, axis=2), np.inf))
-    return np.array(found).reshape(len(can), len(_SPIN_CHANGES), TRIED_SPINS, 8)
+    return np.array(found).reshape(len(can), len(_SPIN_CHANGES), SPIN_COUNT, 8)

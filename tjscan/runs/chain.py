@@ -34,7 +34,7 @@ from tjscan.stitching.stations import Station, StitchSettings, station_from_reco
 from tjscan.stitching.stitch import StitchedGroove
 from tjscan.study.file import flatten_to_dotted_keys
 
-SHARED_TABLES: Final = ("arm.", "laser.", "simulation.")
+TABLES_SHARED_BY_JOBS: Final = ("arm.", "laser.", "simulation.")
 """Tables that both jobs have in common: they are of one cell."""
 
 
@@ -76,7 +76,7 @@ class ChainFile(StrictFileModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Chain:
+class JobChain:
     """A chain, ready to run.
 
     Parameters
@@ -95,12 +95,12 @@ class Chain:
     both: dict[str, Any]
     calibration: dict[str, Any]
 
-    def with_shared_keys(self, keys: dict[str, Any]) -> Chain:
+    def with_shared_keys(self, keys: dict[str, Any]) -> JobChain:
         """Return the same chain with other values of some keys of both jobs."""
         return replace(self, both=self.both | keys)
 
 
-def read_chain(file: Path) -> Chain:
+def read_chain(file: Path) -> JobChain:
     """Read a chain's file.
 
     Raises
@@ -111,7 +111,7 @@ def read_chain(file: Path) -> Chain:
     read = validate_table(ChainFile, read_toml(file), file)
     both = flatten_to_dotted_keys(read.both)
     for key in both:
-        if not key.startswith(SHARED_TABLES):
+        if not key.startswith(TABLES_SHARED_BY_JOBS):
             raise ConfigurationError(
                 "is not of the cell that both jobs share; that has [both.arm], [both.laser] "
                 "and [both.simulation]",
@@ -119,7 +119,7 @@ def read_chain(file: Path) -> Chain:
                 key=f"both.{key}",
             )
     folder = file.parent
-    return Chain(
+    return JobChain(
         folder / read.calibrate,
         folder / read.scan,
         ArmRepeatability(read.stitch.repeatability, read.stitch.angular_repeatability),
@@ -128,7 +128,7 @@ def read_chain(file: Path) -> Chain:
     )
 
 
-CALIBRATION_RUN: Final = "calibrate"
+CALIBRATION_RUN_FOLDER: Final = "calibrate"
 """Name of the calibration's run directory."""
 
 
@@ -183,15 +183,15 @@ class ChainOutcome:
         return float(d @ np.linalg.solve(self.mount_covariance, d) / 6)
 
 
-def run_chain(chain: Chain, directory: Path, *, arm: bool) -> ChainOutcome:
+def run_chain(chain: JobChain, directory: Path, *, arm: bool) -> ChainOutcome:
     """Calibrate, scan from all stations, stitch and compare.
 
     Parameters
     ----------
-    chain : Chain
+    chain : MeasurementChain
         What to run; all of it simulated.
     directory : Path
-        Gets the calibration's run directory, `CALIBRATION_RUN`.
+        Gets the calibration's run directory, `CALIBRATION_RUN_FOLDER`.
     arm : bool
         Whether the arm is calibrated with the sensor.
 
@@ -200,7 +200,7 @@ def run_chain(chain: Chain, directory: Path, *, arm: bool) -> ChainOutcome:
     TjscanError
         As calibration, scan and stitching do.
     """
-    out, operator = directory / CALIBRATION_RUN, DefaultAnswerOperator()
+    out, operator = directory / CALIBRATION_RUN_FOLDER, DefaultAnswerOperator()
     job = read_calibration_job(chain.calibrate, chain.both | chain.calibration)
     saved = start_calibration(job, chain.calibrate, out, operator, arm=arm)
     truth = None if job.simulation is None else job.simulation.T_f_s_mm
@@ -277,8 +277,8 @@ KEYS_OF_ERROR_SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Sources of error, and the keys that switch each of them off if they are zero."""
 
-ALL_SOURCES: Final = "all together"
-NO_SOURCE: Final = "none: touches, reading and stitching alone"
+ALL_ERROR_SOURCES: Final = "all together"
+NO_ERROR_SOURCE: Final = "none: touches, reading and stitching alone"
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,9 +288,9 @@ class ErrorSourceRow:
     Parameters
     ----------
     source : str
-        Its name, or `ALL_SOURCES`, or `NO_SOURCE`.
+        Its name, or `ALL_ERROR_SOURCES`, or `NO_ERROR_SOURCE`.
     directory : Path
-        With the calibration's run directory, `CALIBRATION_RUN`.
+        With the calibration's run directory, `CALIBRATION_RUN_FOLDER`.
     outcome : ChainOutcome or None
         What came of the chain; None if it was refused.
     refusal : str
@@ -304,13 +304,13 @@ class ErrorSourceRow:
 
 
 def run_error_sources(
-    chain: Chain, directory: Path, *, arm: bool, begin: Callable[[str], None], alone: bool = True
+    chain: JobChain, directory: Path, *, arm: bool, begin: Callable[[str], None], alone: bool = True
 ) -> Iterator[ErrorSourceRow]:
     """Run a chain with all its errors, then with each source alone, then with none.
 
     Parameters
     ----------
-    chain : Chain
+    chain : MeasurementChain
         What to run.
     directory : Path
         Gets a directory for each.
@@ -322,11 +322,11 @@ def run_error_sources(
         Whether to run each source alone, or all of them together and no more.
     """
     everything = [key for keys in KEYS_OF_ERROR_SOURCES.values() for key in keys]
-    runs: dict[str, dict[str, Any]] = {ALL_SOURCES: {}}
+    runs: dict[str, dict[str, Any]] = {ALL_ERROR_SOURCES: {}}
     if alone:
         for source, keys in KEYS_OF_ERROR_SOURCES.items():
             runs[source] = {key: 0.0 for key in everything if key not in keys}
-        runs[NO_SOURCE] = dict.fromkeys(everything, 0.0)
+        runs[NO_ERROR_SOURCE] = dict.fromkeys(everything, 0.0)
     for number, (source, zeros) in enumerate(runs.items()):
         begin(source)
         own = directory / str(number)

@@ -132,7 +132,7 @@ def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
             yield _result_of_check("laser's range", _compare_laser_range, cell.laser, job.laser)
         if arm.passed:
             yield _result_of_check("model", _compare_arm_with_model, cell)
-            yield _result_of_check("stance", _describe_stance, cell)
+            yield _result_of_check("stance", _describe_nearest_bodies, cell)
         if laser.passed and arm.passed:
             yield _result_of_check("profile", _describe_profile, cell, groove_reader_of_job(job))
         if arm.passed:
@@ -192,7 +192,7 @@ def _compare_arm_with_model(cell: Cell) -> str:
     return f"{who}; its flange is {1e3 * apart:.1f} mm from where the model has it"
 
 
-def _describe_stance(cell: Cell) -> str:
+def _describe_nearest_bodies(cell: Cell) -> str:
     nearest = cell.clearance.nearest_bodies(cell.arm.state().q)
     if nearest is None:
         return "nothing is known that the arm could touch"

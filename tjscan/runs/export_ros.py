@@ -63,7 +63,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         raise ConfigurationError("a file is in the way: name a folder", file=folder, key="--out")
     job = read_scan_job(directory / JOB_FILE)
     arm, T_b_r = Kinematics.load(job.arm.model), inverse_pose(result_frame_of_job(job).T_r_b)
-    views, time = _views_of_growing_time(directory)
+    views, time = _read_views_in_time_order(directory)
     T_b_g = np.array([T_b_r @ section.T_r_g for section in sections])
     T_b_f, q = np.array([view.T_b_f for view in views]), np.array([view.q for view in views])
     seconds = np.array([view.time - views[0].time for view in views])
@@ -82,7 +82,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
     return folder
 
 
-def _views_of_growing_time(directory: Path) -> tuple[list[ProfileView], int]:
+def _read_views_in_time_order(directory: Path) -> tuple[list[ProfileView], int]:
     """The views of a recording, and nanoseconds from 1970 to when it began.
 
     Of several at one time, when a profile was taken again on the spot, the first counts.

@@ -26,7 +26,7 @@ from tjscan.scanning import seam_fit
 from tjscan.scanning.section import ScannedSection, Sections, SetPoint, StepLengthRule
 from tjscan.scanning.target import SMOOTH_PREDICTION, ScanDirection, target_pose_in_sensor
 
-AREA_SPREAD: Final = 0.4
+AREA_SIGMA_SHARE: Final = 0.4
 """How much the area varies round a joint, standard deviation as a share of it."""
 
 TRIED_STEP_LENGTHS: Final = 50
@@ -91,7 +91,7 @@ def _area_process(sections: Sections, track: seam_fit.RecentSections) -> Ordinar
     areas = np.array([groove.area for groove in grooves])
     # A hundredth: planes that are turned a little otherwise cut a little more or less.
     sigmas = np.hypot([groove.area_sigma for groove in grooves], 0.01 * areas)
-    kernel = Matern52(AREA_SPREAD * float(areas.mean()), seam_fit.SECTION_SHAPE_WAVELENGTH)
+    kernel = Matern52(AREA_SIGMA_SHARE * float(areas.mean()), seam_fit.SECTION_SHAPE_WAVELENGTH)
     return OrdinaryKriging(track.along, areas, sigmas, kernel)
 
 
@@ -101,7 +101,7 @@ def _likely_change(process: OrdinaryKriging, steps: Array) -> Array:
     return np.asarray(np.abs(change) + sigma)
 
 
-ADDED_SIGMAS: Final = 2.0
+VIEW_DEVIATION_SIGMAS: Final = 2.0
 """Standard deviations that count in addition to the deviation itself."""
 
 
@@ -144,7 +144,7 @@ class CorrectionCriterion(SettingsTable):
         sigma : ndarray, shape (6,)
             Their standard deviations.
         """
-        doubt = ADDED_SIGMAS * sigma
+        doubt = VIEW_DEVIATION_SIGMAS * sigma
         return bool(
             np.linalg.norm(off[:3]) + doubt[:3].max() <= self.position
             and abs(off[3]) + doubt[3] <= self.work_angle

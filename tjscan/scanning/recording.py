@@ -52,7 +52,7 @@ SCAN_TOPICS: Final = (*TOPICS_READ, foxglove.TRANSFORMS_TOPIC, JOINTS_TOPIC, SCE
 """Everything that a scan records."""
 
 
-class ScanRecording(RecordingWriter):
+class ScanRecordingWriter(RecordingWriter):
     """The journal that writes a scan's recording; a context manager.
 
     Parameters

@@ -42,7 +42,7 @@ SHORTER_STEP_SHARES: Final = (0.5, 0.25)
 """Shares of a step that are tried if it led to no section: the groove changes less, and fewer
 poses are out of reach."""
 
-LENGTHS_PAST_TACK: Final = (0.03, 0.06)
+TACK_SKIP_LENGTHS: Final = (0.03, 0.06)
 """Metres that are tried after that, where they are more than a step: tack welds are 20 to 50 mm
 long, and what hides the groove may lie all over one."""
 
@@ -90,7 +90,7 @@ def step_retries(step: float, *, past_tacks: bool = True) -> Iterator[StepRetry]
     half, quarter = SHORTER_STEP_SHARES
     yield StepRetry(ScanEvent.HALF_STEP, half * step)
     yield StepRetry(ScanEvent.RETREAT, quarter * step, from_last_section=True)
-    for length in LENGTHS_PAST_TACK:
+    for length in TACK_SKIP_LENGTHS:
         if past_tacks and length > step:
             yield StepRetry(ScanEvent.STEP_OVER, length, from_last_section=True)
 
@@ -104,7 +104,7 @@ LARGEST_RETRY_SHIFT: Final = 10e-3
 NUDGE_TURN: Final = radians(5)
 """By which a nudge turns the sensor about the groove: reflections and shadows move by more."""
 
-EVIDENT_OFFSET: Final = 5e-3
+EVIDENT_RANGE_CHANGE: Final = 5e-3
 """Metres that a surface is nearer or further than at the last section to show where to go."""
 
 FEWEST_RANGE_POINTS: Final = 20
@@ -182,7 +182,7 @@ def view_adjustments(
     turn = NUDGE_TURN if trend >= 0 else -NUDGE_TURN
     turns = [ViewAdjustment(work_angle=turn), ViewAdjustment(work_angle=-turn)]
     off = _distance_beyond_usual(seen, last.view.profile)
-    if abs(off) > EVIDENT_OFFSET:
+    if abs(off) > EVIDENT_RANGE_CHANGE:
         shift = float(np.clip(-off, -LARGEST_RETRY_SHIFT, LARGEST_RETRY_SHIFT))
         return [ViewAdjustment(standoff=shift), *turns]
     if error.reason == "out of range":

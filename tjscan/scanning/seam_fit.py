@@ -29,7 +29,7 @@ after the ±0.05 mm that makers state. No section knows of it, yet it outweighs 
 ANGULAR_REPEATABILITY: Final = 1e-4 / np.sqrt(3)
 """Radians about one axis: assumption, the above over half a metre of arm."""
 
-SIDE_END_SIGMA: Final = 0.15e-3
+SIDE_OFF_WALL_SIGMA: Final = 0.15e-3
 """Metres by which p1 and p5 lie off their walls, standard deviation: assumption. The curve that
 is fitted between them and p2 or p4 is a parabola, or a line if that is doubtful."""
 
@@ -103,7 +103,7 @@ class RecentSections:
         unseen = np.where(absent, along, 0.0)
         openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
         self.shape = np.column_stack((lengths, openings[:, 0]))
-        variances = np.concatenate((read + LEAST_SIGMA**2, read + SIDE_END_SIGMA**2, tilts))
+        variances = np.concatenate((read + LEAST_SIGMA**2, read + SIDE_OFF_WALL_SIGMA**2, tilts))
         self.sigmas = np.sqrt(variances)
         shape_variances = np.column_stack((reached[:, None] + unseen, openings[:, 1]))
         self.shape_sigmas = np.sqrt(shape_variances + LEAST_SIGMA**2)
@@ -147,7 +147,7 @@ LEG_AXIS_START_COUNT: Final = 4
 ROUNDS_OF_ALL_STARTS: Final = 4
 """Rounds after which the best of them goes on alone."""
 MOST_DESCENT_ROUNDS: Final = 40
-SETTLED_SHARE: Final = 1e-5
+CONVERGED_STEP_SHARE: Final = 1e-5
 """Shares of a parameter's prior standard deviation: smaller steps end the search."""
 _DIFFERENCE_STEP: Final = 1e-5
 
@@ -425,6 +425,6 @@ def _minimise(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array
         values = np.where(better[:, None, None], tried, values)
         cost = np.where(better, tried_cost, cost)
         damping = np.where(better, 0.1 * damping, 10 * damping)
-        if i > ROUNDS_OF_ALL_STARTS and np.abs(step).max() < SETTLED_SHARE:
+        if i > ROUNDS_OF_ALL_STARTS and np.abs(step).max() < CONVERGED_STEP_SHARE:
             break
     return theta[0], (values[0, 1:] - values[0, 0]).T / _DIFFERENCE_STEP

@@ -109,10 +109,10 @@ ASIDE_ALLOWANCE: Final = 3e-3
 LEAST_UPRIGHT_COSINE: Final = 0.25
 """Least cosine between the wall's tangent and x_s, and between the wall's normal and the view."""
 
-CHANCE_SIGMAS: Final = 5.0
+LARGEST_CHANCE_SIGMAS: Final = 5.0
 """Standard deviations by which two readings of the same groove hardly ever differ."""
 
-LARGEST_ANGLE_CHANGE: Final = (radians(3), radians(250))
+LARGEST_GROOVE_ANGLE_CHANGE: Final = (radians(3), radians(250))
 """Radians by which the groove angle differs from section to section, and radians per metre.
 
 The tightest groove (see `TIGHTEST_GROOVE_BEND_RADIUS`) changes by 200° per metre; a laser plane
@@ -129,7 +129,7 @@ BEAD_HEIGHT_ALLOWANCE: Final = 0.8e-3
 SAME_SECTION_DISTANCE: Final = 0.5e-3
 """Metres by which the corners differ that are read in two views of the same section."""
 
-TURNED_VIEW_DISTANCE: Final = 0.08
+DISTANCE_PER_SQUARED_TURN: Final = 0.08
 """Metres by which they differ more, per squared radian between the views.
 
 A turned laser plane meets the edges elsewhere, and the edges are not quite parallel to the step:
@@ -184,7 +184,7 @@ def read_section(
     """
     groove = read(view.profile, prior=prior_for_view(view, before))
     T = T_s_t(groove) if callable(T_s_t) else T_s_t
-    return with_tack_named(ScannedSection(view, groove, T), before)
+    return name_tack_of_section(ScannedSection(view, groove, T), before)
 
 
 def root_is_seen(groove: GrooveSection) -> bool:
@@ -199,7 +199,7 @@ def root_is_known(groove: GrooveSection) -> bool:
     return known if not groove.absent else root_is_seen(groove)
 
 
-def with_tack_named(found: ScannedSection, before: Sections) -> ScannedSection:
+def name_tack_of_section(found: ScannedSection, before: Sections) -> ScannedSection:
     """Name a tack weld where weld metal lies higher in the root than before it.
 
     One profile shows a convex face in the root; whether that is the root bead or a tack over it
@@ -371,7 +371,7 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
     apart = (found.points_b - step.predicted.points_b)[1:4]  # the ends are not corners
     aside = np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1)
     turn = rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s)
-    same = SAME_SECTION_DISTANCE + TURNED_VIEW_DISTANCE * turn**2
+    same = SAME_SECTION_DISTANCE + DISTANCE_PER_SQUARED_TURN * turn**2
     allowed = np.maximum(same, largest_chance_differences(found.groove, step.predicted.groove))
     if (aside > allowed).any():
         k = int((aside - allowed).argmax())
@@ -387,7 +387,7 @@ def largest_chance_differences(one: GrooveSection, other: GrooveSection) -> Arra
     Of corners that are buried, as under a tack weld, these are many.
     """
     variances = one.corner_covariances_s + other.corner_covariances_s
-    return np.asarray(CHANCE_SIGMAS * np.sqrt(np.trace(variances, axis1=1, axis2=2)))
+    return np.asarray(LARGEST_CHANCE_SIGMAS * np.sqrt(np.trace(variances, axis1=1, axis2=2)))
 
 
 def largest_root_width_change(groove: GrooveSection, away: float) -> float:
@@ -402,11 +402,11 @@ def _compare_measures(found: ScannedSection, step: StepRequest) -> tuple[Array, 
     # A taught laser plane may have been turned otherwise than one that the scan chose.
     factor = 2.0 if step.last.view.substep is Substep.TAUGHT else 1.0
     of_last, of_now = (np.diag(groove.measure_covariance)[:3] for groove in (last, now))
-    noise = CHANCE_SIGMAS * np.sqrt(of_last + of_now)
+    noise = LARGEST_CHANCE_SIGMAS * np.sqrt(of_last + of_now)
     before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
     allowed = noise + factor * np.array(
         (
-            LARGEST_ANGLE_CHANGE[0] + LARGEST_ANGLE_CHANGE[1] * step.length,
+            LARGEST_GROOVE_ANGLE_CHANGE[0] + LARGEST_GROOVE_ANGLE_CHANGE[1] * step.length,
             largest_root_width_change(last, step.length),
             BEAD_HEIGHT_ALLOWANCE
             + (LARGEST_DEPTH_CHANGE[0] + LARGEST_DEPTH_CHANGE[1] * step.length) * before[2],

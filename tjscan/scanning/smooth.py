@@ -170,7 +170,7 @@ def _derivative(values: Array) -> Array:
 
 
 MOST_SOLVER_ROUNDS: Final = 30
-SETTLED_STEP: Final = 1e-7
+CONVERGED_VIEW_STEP: Final = 1e-7
 """Metres and radians: a smaller step ends the search for the section."""
 
 SAFETY_SIGMAS: Final = 3.0
@@ -254,15 +254,15 @@ def _solve_section_and_pose(
         T_b_t, work_angle = ahead.ideal_frame_and_work_angle(found, R_b_s)
         T_s_t = plan.target_pose_in_sensor(work_angle)
         R_s_t = T_s_t[:3, :3]
-        turned = T_b_t[:3, :3] @ _lag_rotation(T_b_t[:3, :3], R_b_now @ R_s_t, slack)
+        turned = T_b_t[:3, :3] @ _nearest_rotation(T_b_t[:3, :3], R_b_now @ R_s_t, slack)
         moved = max(np.abs(found - section).max(), np.abs(turned @ R_s_t.T - R_b_s).max())
         section, R_b_s = found, turned @ R_s_t.T
-        if moved < SETTLED_STEP:
+        if moved < CONVERGED_VIEW_STEP:
             return section, SetPoint(pose(turned, T_b_t[:3, 3]), T_s_t)
     raise TubesNotFound("no section of the seam lies a step further on")
 
 
-def _lag_rotation(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Array:
+def _nearest_rotation(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Array:
     """Rotation off the ideal orientation, within the slack, that is nearest to the present one."""
     if max(slack) == 0:
         return np.eye(3)

@@ -16,7 +16,7 @@ import numpy as np
 
 from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.joint.tubes.fit import ArmRepeatability
-from tjscan.stitching.graph import StationErrors, StationPoses
+from tjscan.stitching.graph import StationErrorDraws, StationPoses
 from tjscan.stitching.registration import Registrations
 from tjscan.stitching.stations import StationTubeFit, TubeFits
 from tjscan.stitching.unrolled_views import NODES_PER_SIDE, moves_of_wall_points
@@ -57,11 +57,11 @@ class SharedCauses:
         self.errors = [_station_errors(one, fits, registrations) for one in self.of_station]
 
     @property
-    def all_errors(self) -> StationErrors | None:
+    def all_errors(self) -> StationErrorDraws | None:
         """Errors by all draws of all causes; None if stations share nothing."""
         if not self.errors:
             return None
-        return StationErrors(
+        return StationErrorDraws(
             np.concatenate([one.frames for one in self.errors], axis=2),
             np.concatenate([one.overlaps for one in self.errors], axis=2),
         )
@@ -69,7 +69,7 @@ class SharedCauses:
 
 def _station_errors(
     causes: Sequence[ViewCause | None], fits: TubeFits, registrations: Registrations
-) -> StationErrors:
+) -> StationErrorDraws:
     """Errors of all that is fitted, by one cause."""
     m = next(cause.twists.shape[-1] for cause in causes if cause is not None)
     frames, moves = np.zeros((len(fits), 10, m)), []
@@ -94,7 +94,7 @@ def _station_errors(
                 by_points = by_points @ edge.T[:3, :3]
             numbers = edge.number[edge.of_second == is_second]
             overlaps[i] += np.einsum("nikc,nkcm->im", by_points, moves[k][numbers])
-    return StationErrors(frames, overlaps)
+    return StationErrorDraws(frames, overlaps)
 
 
 def _points_by_view(fit: StationTubeFit, corners: Array, walls: Array) -> Array:
@@ -148,7 +148,7 @@ def stitching_budget(
     places = np.split(covariance_factor(noise[: 6 * k, : 6 * k]), k)
     components = [
         *(_component_in_frame_j(causes, T_j_b) for causes in (readings, moves)),
-        _join_parts(
+        _join_stations(
             [
                 _section_moves_by_twists(fit, T, L)
                 for fit, T, L in zip(fits, T_j_b, places, strict=True)
@@ -169,13 +169,13 @@ def stitching_budget(
                 points, measures = own.points + part.points, own.measures + part.measures
                 part = replace(own, points=points, measures=measures)
             parts.append(part)
-        components.append(_join_parts(parts).compressed())
+        components.append(_join_stations(parts).compressed())
     return UncertaintyBudget(tuple(components)), stations, shape
 
 
 def _component_in_frame_j(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -> BudgetComponent:
     pairs = zip(causes, T_j_b, strict=True)
-    return _join_parts([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
+    return _join_stations([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
 
 
 def _section_moves_by_twists(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
@@ -186,7 +186,7 @@ def _section_moves_by_twists(fit: StationTubeFit, T_j_b: Array, twists: Array) -
     return BudgetComponent(STATION_PLACES_CAUSE, "observed", True, moved, measures)
 
 
-def _join_parts(parts: Sequence[BudgetComponent]) -> BudgetComponent:
+def _join_stations(parts: Sequence[BudgetComponent]) -> BudgetComponent:
     """One component of the sections of all stations."""
     named = next((part for part in parts if part.name != STATION_PLACES_CAUSE), parts[0])
     return replace(

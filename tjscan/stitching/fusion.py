@@ -14,7 +14,7 @@ from tjscan.core.gaussian_process import PeriodicKernel, SimpleKriging
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.geometry import LegSurface, cylindrical_to_j
 from tjscan.joint.tubes.fit import ArmRepeatability, TubeDimensions
-from tjscan.stitching.registration import SMOOTH_AZIMUTH, point_covariance_from_pose
+from tjscan.stitching.registration import SECTION_SHAPE_AZIMUTH, point_covariance_from_pose
 from tjscan.stitching.stations import FULL_TURN_ANGLE, Station
 from tjscan.stitching.unrolled_views import WIDEST_LEG_SHARE
 from tjscan.uncertainty.budget import CORNER_POINTS, SectionShare
@@ -128,7 +128,7 @@ def fuse_sections(
     )
     first = np.cumsum([0, *(len(sections) for sections in stations)])
     fused = []
-    for group in _group_places(places, near):
+    for group in _group_sections_by_place(places, near):
         members = [(azimuth, unrolled[k][i]) for azimuth, k, i in group]
         numbers = [int(first[k]) + i for _, k, i in group]
         if len(group) > 1:
@@ -143,7 +143,7 @@ Place = tuple[float, int, int]
 """Azimuth, station, and number in that station."""
 
 
-def _group_places(places: Sequence[Place], near: float) -> list[list[Place]]:
+def _group_sections_by_place(places: Sequence[Place], near: float) -> list[list[Place]]:
     """Neighbours of different stations that are one place; nearest pairs first."""
     n = len(places)
     member = list(range(n))
@@ -186,7 +186,7 @@ def _fit_curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
 
 def _fit_curve(azimuth: Array, value: Array, sigma: float) -> SimpleKriging:
     """A smooth curve through values, shape (n,), over the azimuth."""
-    kernel = PeriodicKernel(float(np.ptp(value)) + 10 * sigma, SMOOTH_AZIMUTH)
+    kernel = PeriodicKernel(float(np.ptp(value)) + 10 * sigma, SECTION_SHAPE_AZIMUTH)
     return SimpleKriging.fit(kernel, azimuth, value, sigma)
 
 

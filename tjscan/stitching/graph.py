@@ -24,7 +24,7 @@ from tjscan.stitching.registration import Registrations, StationRegistration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StationErrors:
+class StationErrorDraws:
     """How k stations' own fits and e overlaps err with m draws that all views share.
 
     Parameters
@@ -70,7 +70,7 @@ class StationPoses:
         Of the joint.
     by_residuals : ndarray, shape (6 k + 4, 10 k + 6 e)
         How poses (translation and rotation vector in the common j) and shape err with the errors
-        of what was observed, see `StationErrors`.
+        of what was observed, see `StationErrorDraws`.
     noise_covariance : ndarray, shape (6 k + 4, 6 k + 4)
         Of poses and shape, without what stations share.
     reduced_chi2 : float
@@ -81,7 +81,7 @@ class StationPoses:
         self,
         frames: Sequence[JointFrame],
         registrations: Registrations,
-        shared: StationErrors | None = None,
+        shared: StationErrorDraws | None = None,
     ) -> None:
         k = len(frames)
         covariances = [frame.covariance for frame in frames] + [e.covariance for e in registrations]

@@ -22,12 +22,12 @@ from tjscan.core.frames import Array, Mask, array_dataclass, skew_matrix, unit_v
 from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
 from tjscan.stitching.stations import StationOverlap, arc_of_azimuths
-from tjscan.stitching.unrolled_views import CORNER_VALUES, VALUES_PER_VIEW, UnrolledViews
+from tjscan.stitching.unrolled_views import CORNER_VALUE_COUNT, VALUES_PER_VIEW, UnrolledViews
 
-SMOOTH_AZIMUTH: Final = radians(30.0)
+SECTION_SHAPE_AZIMUTH: Final = radians(30.0)
 """Azimuth over which the section of a groove changes its shape."""
 
-SECTION_KERNEL: Final = PeriodicKernel(5e-3, SMOOTH_AZIMUTH)
+SECTION_KERNEL: Final = PeriodicKernel(5e-3, SECTION_SHAPE_AZIMUTH)
 """How that shape may change over the azimuth, in metres."""
 
 AZIMUTH_BEYOND_OVERLAP: Final = radians(25.0)
@@ -192,7 +192,7 @@ def align_second_to_first(
         *_overlap_middle(overlap, first),
         reduced_chi2,
         azimuth[:, 2],
-        residual[:, :CORNER_VALUES],
+        residual[:, :CORNER_VALUE_COUNT],
         of_second,
         counted,
         views.number.astype(np.intp),

@@ -259,7 +259,7 @@ def _initial_tubes(station: Station) -> tuple[Cylinder, Cylinder]:
     return cylinders[0], cylinders[1]
 
 
-def widen_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame:
+def widen_frame_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame:
     """Widen a joint frame's covariance for tubes that are out of round.
 
     Parameters

@@ -17,7 +17,7 @@ from tjscan.core.frames import Array, array_dataclass, inverse_pose
 from tjscan.joint.tubes.fit import TubeDimensions
 from tjscan.stitching.budget import SharedCauses, stitching_budget
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
-from tjscan.stitching.graph import StationErrors, StationPoses, overlap_gap, spanning_tree_poses
+from tjscan.stitching.graph import StationErrorDraws, StationPoses, overlap_gap, spanning_tree_poses
 from tjscan.stitching.registration import (
     Registrations,
     StationRegistration,
@@ -38,14 +38,14 @@ from tjscan.stitching.stations import (
     find_overlaps,
     fit_tubes_to_stations,
     section_azimuths,
-    widen_for_out_of_round,
+    widen_frame_for_out_of_round,
 )
 from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
 
 ALIGNMENT_ROUNDS = 6
 """Times that a station is laid on another again if it began far off."""
 
-CONVERGED_MOTION = 1e-8
+CONVERGED_STATION_MOTION = 1e-8
 """Metres and radians that it moves by no more in the end."""
 
 AGREED_CHI2 = 2.5
@@ -159,7 +159,7 @@ class StitchedGroove:
             for one, covariance in zip(self.stations, placement.covariance, strict=True)
         ]
         fused = fuse_sections(single, placement.shape)
-        self.budget = budget.composed_of([one.shares for one in fused])
+        self.budget = budget.fuse_sections([one.shares for one in fused])
         self.sections = self.budget.sections_with_covariances([one.section for one in fused])
         self.gaps = tuple(overlap_gap(edge, placement.T) for edge in self.registrations)
         chain, closing = spanning_tree_poses(len(stations), self.registrations)
@@ -202,7 +202,7 @@ def register_overlaps(
             edge = align_second_to_first(overlap, first, second)
             T = edge.T @ T
             moved = float(np.abs(pose_vector.pose_to_vector(edge.T)).max())
-            if moved < CONVERGED_MOTION or moved > LARGEST_ALIGNMENT_MOTION:
+            if moved < CONVERGED_STATION_MOTION or moved > LARGEST_ALIGNMENT_MOTION:
                 break
             second = seen(overlap.second, T)
         edges.append(replace(edge, T=T))
@@ -213,7 +213,7 @@ def place_stations_with_out_of_round(
     fits: TubeFits,
     registrations: Registrations,
     settings: StitchSettings,
-    shared: StationErrors | None = None,
+    shared: StationErrorDraws | None = None,
 ) -> tuple[StationPoses, float]:
     """Place stations, and find how far tubes must be out of round for all to agree.
 
@@ -240,7 +240,7 @@ def place_stations_with_out_of_round(
     """
     allowance = settings.out_of_round
     while True:
-        frames = [widen_for_out_of_round(fit.frame, allowance) for fit in fits]
+        frames = [widen_frame_for_out_of_round(fit.frame, allowance) for fit in fits]
         placement = StationPoses(frames, registrations, shared)
         if placement.reduced_chi2 < AGREED_CHI2 or 2 * allowance > settings.most_out_of_round:
             return placement, allowance

@@ -28,7 +28,7 @@ from tjscan.uncertainty.causes import ViewCause
 NODES_PER_SIDE: Final = 4
 """Per side: enough for its place and its tilt, which is all that a view's side shows."""
 
-CORNER_GAP: Final = 1e-3
+SIDE_TO_CORNER_GAP: Final = 1e-3
 """Metres that a side's points keep from its corner, where edges are never quite sharp."""
 
 LARGEST_DISTANCE_OFF_SIDE: Final = 0.2e-3
@@ -130,12 +130,12 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
     length, off = (end - corner) @ tangent, (end - corner) @ normal
     s, d = (points - corner) @ tangent, (points - corner) @ normal
     on = (
-        (s > CORNER_GAP)
+        (s > SIDE_TO_CORNER_GAP)
         & (s <= length)
         & (np.abs(d - off * (s / length) ** 2) < LARGEST_DISTANCE_OFF_PARABOLA)
     )
     s, d = s[on], d[on]
-    bins = (BINS_PER_SIDE * (s - CORNER_GAP) / (length - CORNER_GAP)).astype(int)
+    bins = (BINS_PER_SIDE * (s - SIDE_TO_CORNER_GAP) / (length - SIDE_TO_CORNER_GAP)).astype(int)
     share = np.minimum(bins, BINS_PER_SIDE - 1)
     filled = [chosen for k in range(BINS_PER_SIDE) if (chosen := share == k).sum() >= FEWEST_POINTS]
     if len(filled) <= SIDE_POLYNOMIAL_DEGREE + 1:
@@ -167,7 +167,7 @@ VALUES_PER_VIEW: Final = 10
 TILT_LEVER: Final = 0.02
 """Metres along a wall over which its tilt is given as an offset."""
 
-CORNER_VALUES: Final = 6
+CORNER_VALUE_COUNT: Final = 6
 """The first values are those of p2, p3 and p4."""
 
 WIDEST_LEG_SHARE: Final = 0.999
@@ -337,7 +337,7 @@ def _unroll_points(
         return np.asarray((of[1:4] - of[4:]).T / (2 * step))  # (k, 3)
 
     value = by_off @ off[0] + by_height @ height[0]
-    value[0:CORNER_VALUES:2] += shape.brace_radius  # counted from the axis
+    value[0:CORNER_VALUE_COUNT:2] += shape.brace_radius  # counted from the axis
     by_points = by_off[..., None] * gradient(off) + by_height[..., None] * gradient(height)
     azimuth_by_points = by_phi[..., None] * gradient(phi)
     return by_phi @ phi[0], value, azimuth_by_points, by_points, (walls[0], walls[1])

@@ -24,7 +24,7 @@ REPORT_FILE: Final = "report.md"
 
 OVERVIEW_PICTURE: Final = "overview.png"
 
-MOST_CAUSES_LISTED: Final = 40
+MOST_FAILED_RUNS_LISTED: Final = 40
 """Runs that are not complete and listed one by one."""
 
 MOST_VALUES_LISTED: Final = 12
@@ -80,7 +80,7 @@ def write_study_report(folder: Path, kind: StudyBackend[Any], rows: Rows, *, pla
         If a picture can't be written.
     """
     keys = keys_to_show(rows, kind.seed)
-    lines = [*_lines_of_endings(rows, planned)]
+    lines = [*_lines_of_end_reasons(rows, planned)]
     if len({row.inputs.get(kind.compared_key) for row in rows}) > 1:
         for quantity in kind.measures:
             lines += _lines_side_by_side(rows, keys, kind.compared_key, quantity)
@@ -148,7 +148,7 @@ def _table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator
     yield ""
 
 
-def _lines_of_endings(rows: Rows, planned: int) -> Iterator[str]:
+def _lines_of_end_reasons(rows: Rows, planned: int) -> Iterator[str]:
     complete = sum(row.outcome.complete for row in rows)
     yield from ("# Study", "")
     yield f"{complete} of {len(rows)} runs complete ({complete / len(rows):.2%})."
@@ -226,9 +226,9 @@ def _lines_of_failures(rows: Rows) -> Iterator[str]:
     if not failed:
         return
     yield from ("Runs that are not complete:", "")
-    for row in failed[:MOST_CAUSES_LISTED]:
+    for row in failed[:MOST_FAILED_RUNS_LISTED]:
         where = ", ".join(f"{key} {value}" for key, value in row.inputs.items())
         yield f"- row {row.index} ({where}): {row.outcome.detail}"
-    if len(failed) > MOST_CAUSES_LISTED:
-        yield f"- and {len(failed) - MOST_CAUSES_LISTED} more, in `study.csv`"
+    if len(failed) > MOST_FAILED_RUNS_LISTED:
+        yield f"- and {len(failed) - MOST_FAILED_RUNS_LISTED} more, in `study.csv`"
     yield ""

@@ -15,7 +15,7 @@ from tjscan.core import files
 from tjscan.core.errors import ConfigurationError, RecordingError, TjscanError
 from tjscan.study.report import write_study_report
 from tjscan.study.schedule import TaskScheduler
-from tjscan.study.trial import LOST_WORKER, BackendOfTask, StudyRow, Trial, Value
+from tjscan.study.trial import LOST_WORKER_REASON, BackendOfTask, StudyRow, Trial, Value
 
 PLAN_FILE: Final = "plan.jsonl"
 ROWS_FILE: Final = "rows.jsonl"
@@ -221,7 +221,7 @@ def run_study(
             ):
                 for ended in all_ended:
                     lost = backend_of(ended.task.task).outcome
-                    outcome = lost(False, LOST_WORKER, ended.cause_of_crash)
+                    outcome = lost(False, LOST_WORKER_REASON, ended.cause_of_crash)
                     row = ended.result or StudyRow.from_trial(ended.task, outcome)
                     keep(row)
                     rows[row.key] = row

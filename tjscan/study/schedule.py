@@ -22,7 +22,7 @@ R = TypeVar("R")
 CLUSTER_TIMEOUT: Final = 20.0
 """Seconds that a scheduler has to answer, and the first worker of a cluster to join it."""
 
-WORKER_DEATHS: Final = 1
+MOST_WORKER_DEATHS: Final = 1
 """How often a trial may take a process of this machine with it and be tried again."""
 
 STUDY_PACKAGES: Final = ("distributed", "pyarrow")
@@ -156,7 +156,7 @@ def _start_local_cluster(workers: int) -> Iterator[Any]:
     from dask import config
     from distributed import Client, LocalCluster
 
-    with config.set({"distributed.scheduler.allowed-failures": WORKER_DEATHS}):
+    with config.set({"distributed.scheduler.allowed-failures": MOST_WORKER_DEATHS}):
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

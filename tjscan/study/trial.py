@@ -68,7 +68,7 @@ def canonical_json(data: Any) -> str:
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
-LOST_WORKER = "WorkerLost"
+LOST_WORKER_REASON = "WorkerLost"
 """The reason of a row whose process died twice."""
 
 HIDDEN_FIELD = {"column": False}

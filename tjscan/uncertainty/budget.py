@@ -32,7 +32,7 @@ distance made up of several it covers 95 % or more."""
 CORNER_POINTS: Final = slice(1, 4)
 """p2, p3 and p4 among the five points."""
 
-NEGLIGIBLE_SHARE: Final = 1e-4
+NEGLIGIBLE_DRAW_SHARE: Final = 1e-4
 """Share of a component's largest singular value below which a draw is left out."""
 
 
@@ -80,7 +80,7 @@ class BudgetComponent:
         size = np.sqrt(np.mean(flat[: 15 * n] ** 2)), np.sqrt(np.mean(flat[15 * n :] ** 2))
         scale = np.repeat(np.where(np.array(size) > 0, size, 1.0), (15 * n, 4 * n))
         _, singular, Vt = np.linalg.svd(flat / scale[:, None], full_matrices=False)
-        kept = flat @ Vt[singular > NEGLIGIBLE_SHARE * singular[0]].T
+        kept = flat @ Vt[singular > NEGLIGIBLE_DRAW_SHARE * singular[0]].T
         k = kept.shape[1]
         points, measures = np.split(kept, (15 * n,))
         return replace(self, points=points.reshape(n, 5, 3, k), measures=measures.reshape(n, 4, k))
@@ -151,7 +151,7 @@ class UncertaintyBudget:
         pairs = zip(self.components, turned, strict=True)
         return UncertaintyBudget(tuple(replace(one, points=points) for one, points in pairs))
 
-    def composed_of(self, shares: Sequence[Sequence[SectionShare]]) -> UncertaintyBudget:
+    def fuse_sections(self, shares: Sequence[Sequence[SectionShare]]) -> UncertaintyBudget:
         """The budget of sections that are each made of one or several of these.
 
         Parameters

@@ -32,7 +32,7 @@ from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
-DRAWN_POSTURES: Final = 100
+GEOMETRY_SAMPLE_POSTURES: Final = 100
 """Drawn postures over which an arm's geometry error has the size that is stated."""
 
 
@@ -160,7 +160,7 @@ class ArmGeometryDeviation:
     def _rms_error(self) -> float:
         """RMS of the flange's position over all postures, each axis, metres."""
         rng = np.random.default_rng(0)
-        drawn = rng.uniform(-np.pi, np.pi, (DRAWN_POSTURES, len(self.kinematics.lower)))
+        drawn = rng.uniform(-np.pi, np.pi, (GEOMETRY_SAMPLE_POSTURES, len(self.kinematics.lower)))
         moved = np.array([self._flange_motion_by_draws(q)[:3] for q in drawn])
         return float(np.sqrt(np.mean(np.sum(moved**2, axis=2))))
 
@@ -185,7 +185,7 @@ class ArmGeometryDeviation:
         return by_deviations.reshape(6, -1)
 
 
-MAX_REJECTED_SHARE: Final = 0.1
+MAX_REJECTED_PROFILE_SHARE: Final = 0.1
 """Of the profiles; with more, it is not single ones that are bad."""
 
 WEIGHTING_ROUNDS: Final = 2
@@ -219,7 +219,7 @@ def estimate_deviations(
     used = np.ones(model.profile_count, dtype=bool) if held_out is None else ~held_out
     offered = int(used.sum())
     estimate = _solve_for_deviations(model, sigmas, T_f_s, model.start, used)
-    while used.sum() > (1 - MAX_REJECTED_SHARE) * offered:
+    while used.sum() > (1 - MAX_REJECTED_PROFILE_SHARE) * offered:
         falls, _ = leave_one_out(estimate)
         worst = int(falls.argmax())
         count = int(estimate.residuals_per_profile[worst])

@@ -41,7 +41,7 @@ from tjscan.robot.settings import PlacementTolerance
 SENSOR_POSES_DRAWN: Final = 100
 """Ways to look at the ball from which postures are chosen; each has up to eight."""
 
-MAX_LEAN_ANGLE: Final = float(np.radians(60.0))
+MAX_VIEW_LEAN_ANGLE: Final = float(np.radians(60.0))
 """Radians from straight above the ball: below, its stand is in the way."""
 
 MAX_OFF_CENTRE_RATIO: Final = 0.6
@@ -53,10 +53,10 @@ BALL_RANGE_MARGIN: Final = 5e-3
 ARC_SIGMA: Final = 20e-6
 """Metres; of an arc's centre and radius, for the choice of postures alone."""
 
-MOUNT_SIGMAS: Final = (1e-3, float(np.radians(0.2)))
+MOUNT_PRIOR_SIGMAS: Final = (1e-3, float(np.radians(0.2)))
 """Metres and radians; how well the sensor's pose is known before, for that choice."""
 
-BALL_SIGMAS: Final = (1e-2, 1e-3)
+BALL_PRIOR_SIGMAS: Final = (1e-2, 1e-3)
 """Metres; how well the ball's place and radius are known before, for that choice."""
 
 
@@ -172,7 +172,7 @@ def _draw_postures(plan: BallPlan, kinematics: Kinematics) -> Array:
     for _ in range(SENSOR_POSES_DRAWN):
         azimuth, yaw = rng.uniform(-np.pi, np.pi, 2)
         axis = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
-        z = -Rotation.from_rotvec(rng.uniform(0, MAX_LEAN_ANGLE) * axis).as_matrix()[:, 2]
+        z = -Rotation.from_rotvec(rng.uniform(0, MAX_VIEW_LEAN_ANGLE) * axis).as_matrix()[:, 2]
         x = np.linalg.svd(z[None])[2][1]
         R = np.column_stack((x, np.cross(z, x), z)) @ rot_z(yaw)
         seen_s = rng.uniform((-wide, -off, near + BALL_RANGE_MARGIN), (wide, off, far))
@@ -204,8 +204,8 @@ def _order_by_information(plan: BallPlan, rows: Array) -> NDArray[np.intp]:
     Those that are not needed follow in any order: neighbours among them look the same way.
     """
     joints = (rows.shape[2] - 10) // 6
-    of_arm, of_ball = np.tile(plan.tolerance.sigmas, joints), np.repeat(BALL_SIGMAS, (3, 1))
-    A = rows * np.concatenate((np.repeat(MOUNT_SIGMAS, 3), of_arm, of_ball))
+    of_arm, of_ball = np.tile(plan.tolerance.sigmas, joints), np.repeat(BALL_PRIOR_SIGMAS, (3, 1))
+    A = rows * np.concatenate((np.repeat(MOUNT_PRIOR_SIGMAS, 3), of_arm, of_ball))
     C = np.eye(A.shape[2])
     left = np.ones(len(A), dtype=bool)
     order = []
@@ -224,7 +224,7 @@ def _order_by_information(plan: BallPlan, rows: Array) -> NDArray[np.intp]:
 UNREACHED_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 """Recorded for a posture that the arm does not reach: it is not tried again."""
 
-MAX_EXTRA_RADIUS: Final = 1e-3
+MAX_ARC_RADIUS_EXCESS: Final = 1e-3
 """Metres by which an arc may be wider than the ball stated: a wider one is of another thing."""
 
 
@@ -329,4 +329,4 @@ class ArmWizard:
             if self.views[number].held_out is held_out
         ]
         arcs, _ = fit_profiles(shots, fit_circle, self.plan.noise, self.plan.laser)
-        return [arc for arc in arcs if arc.fit.radius < self.plan.radius + MAX_EXTRA_RADIUS]
+        return [arc for arc in arcs if arc.fit.radius < self.plan.radius + MAX_ARC_RADIUS_EXCESS]

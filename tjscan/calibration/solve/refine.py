@@ -212,7 +212,7 @@ CONVERGENCE_SIGMAS: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
 FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to blame any profile, the noise model or the geometry, although all are as stated."""
-MIN_REDUNDANCY: Final = 1e-6
+MIN_PROFILE_REDUNDANCY: Final = 1e-6
 """A profile that leaves itself less than this share of dof can't be checked by the others."""
 
 
@@ -455,7 +455,7 @@ def laser_response_of_estimate(estimate: LeastSquaresEstimate) -> Array | None:
     return np.asarray(-estimate.covariance @ stacked.jacobian.T @ weighted)
 
 
-def residual_information(estimate: LeastSquaresEstimate) -> tuple[Array, Array]:
+def residual_weights_and_sums(estimate: LeastSquaresEstimate) -> tuple[Array, Array]:
     """Weights of the residuals of the used profiles after the fit, and their weighted sums.
 
     Parameters
@@ -489,7 +489,7 @@ def leave_one_out_changes(estimate: LeastSquaresEstimate) -> tuple[Array, Array]
         How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
     """
     stacked = estimate.residuals_in_use
-    M, weighted = residual_information(estimate)
+    M, weighted = residual_weights_and_sums(estimate)
     W_J = np.linalg.solve(stacked.covariance, stacked.jacobian)
     n = len(estimate.used)
     chi2, step = np.zeros(n), np.zeros((n, 6))
@@ -538,7 +538,7 @@ def _solve_in_checked_directions(M: Array, b: Array, C: Array) -> tuple[Array, f
     """M⁻¹ b and bᵀ M⁻¹ b along the directions that the other profiles check."""
     L = np.linalg.cholesky(C)
     values, vectors = np.linalg.eigh(L.T @ M @ L)
-    kept = values > MIN_REDUNDANCY
+    kept = values > MIN_PROFILE_REDUNDANCY
     along = vectors[:, kept].T @ (L.T @ b)
     return L @ vectors[:, kept] @ (along / values[kept]), float(along @ (along / values[kept]))
 

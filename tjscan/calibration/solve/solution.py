@@ -31,7 +31,7 @@ MAX_REJECTED_SHARE: Final = 1 / 3
 """If a larger share were bad, the others could not show which."""
 MIN_DOF_SHARE_KEPT: Final = 0.5
 """Share of the degrees of freedom that must remain: with few left, any lines agree."""
-MAX_SETS_TRIED: Final = 3000
+MAX_REJECTION_SETS_TRIED: Final = 3000
 """Sets of one size that are tried; of larger choices, the last set and one more."""
 SINGULAR_SET_RIDGE: Final = 1e-6
 """Keeps sets solvable that nothing could be found without; they leave no residual anyway."""
@@ -95,7 +95,7 @@ def blame_thresholds(estimate: LeastSquaresEstimate) -> Array:
 def _find_worst_set(estimate: LeastSquaresEstimate, last: LeastSquaresEstimate, size: int) -> Mask:
     """The set whose absence lowers the weighted sum of squares most, shape (n,)."""
     n = len(estimate.used)
-    if comb(n, size) > MAX_SETS_TRIED:
+    if comb(n, size) > MAX_REJECTION_SETS_TRIED:
         worst = np.where(last.used, refine.leave_one_out_changes(last)[0], -1.0)
         return np.asarray(~last.used | (np.arange(n) == np.argmax(worst)))
     sets = np.array(list(combinations(range(n), size)))
@@ -104,7 +104,7 @@ def _find_worst_set(estimate: LeastSquaresEstimate, last: LeastSquaresEstimate, 
 
 def _chi2_drops(estimate: LeastSquaresEstimate, sets: NDArray[np.intp]) -> Array:
     """By how much leaving out each set, rows of indices, lowers the sum of squares, first order."""
-    M, weighted = refine.residual_information(estimate)
+    M, weighted = refine.residual_weights_and_sums(estimate)
     scale = np.sqrt(np.diag(estimate.stacked.covariance))
     sizes = estimate.residuals_per_profile
     n, k = len(sizes), int(sizes.max())

@@ -40,7 +40,7 @@ MIN_TOUCH_PROBABILITY: Final = 1e-4
 """Touches less probable than this under the stated noise are refused."""
 NOT_FLAT_REASON: Final = "touched points not on one plane"
 """The reason for which to touch again; none of the other reasons goes away by that."""
-STATED_BOARD_SIZE: Final = 0.2
+EQUIVALENT_TOUCH_SQUARE: Final = 0.2
 """Metres; see `plane_stated_beforehand`."""
 
 
@@ -394,14 +394,14 @@ def plane_stated_beforehand(
     flange_b : array_like, shape (3,)
         About where the flange was: on the side that lines are seen from.
     sigma : float
-        Standard deviation of each touched corner of a square with side `STATED_BOARD_SIZE`, in
-        metres.
+        Standard deviation of each touched corner of a square with side
+        `EQUIVALENT_TOUCH_SQUARE`, in metres.
     geometry : float
         Standard deviation of the arm's geometry error, metres.
     """
     flange = np.asarray(flange_b, dtype=float)
     bare = PlaneTarget.unknown_plane(plane, flange)
-    corners = STATED_BOARD_SIZE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    corners = EQUIVALENT_TOUCH_SQUARE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
     return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange, geometry=geometry)
 
 

@@ -41,13 +41,13 @@ from tjscan.laser.model import MeasuringRange
 
 LINE_EDGE_MARGIN: Final = 5e-3
 """Metres that a line keeps from the board's edges: the mount is not known exactly yet."""
-MIN_LINE_LENGTH: Final = 0.04
+MIN_PLANNED_LINE_LENGTH: Final = 0.04
 """Metres; a planned line is at least this long."""
 ReachabilityCheck = Callable[[Array], bool]
 """Whether the flange can be taken to T_b_f, shape (4, 4), without touching anything."""
 
-PRIOR_SIGMA_POSITION: Final = 0.05
-PRIOR_SIGMA_ROTATION: Final = float(np.radians(10.0))
+MOUNT_PRIOR_SIGMA_POSITION: Final = 0.05
+MOUNT_PRIOR_SIGMA_ROTATION: Final = float(np.radians(10.0))
 """How well the sensor's place is known before any line: metres and radians, as for a drawing of
 the bracket. An assumption; it only keeps the first choices finite."""
 
@@ -322,7 +322,7 @@ class LinePrediction:
         T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse_pose(self.T_f_s)
         seen = self.lines(T_b_f)
         on_board = board.contains_points(seen.ends_b, LINE_EDGE_MARGIN).all(axis=1)
-        return np.asarray(T_b_f[(seen.line_length >= MIN_LINE_LENGTH) & on_board])
+        return np.asarray(T_b_f[(seen.line_length >= MIN_PLANNED_LINE_LENGTH) & on_board])
 
     def most_informative_pose(
         self,
@@ -367,7 +367,7 @@ class LinePrediction:
 
     def _information(self, T_b_f: Array) -> Array:
         """Information from lines and before any, shape (9, 9): mount roughly, plane as touched."""
-        sigmas = np.repeat((PRIOR_SIGMA_POSITION, PRIOR_SIGMA_ROTATION), 3)
+        sigmas = np.repeat((MOUNT_PRIOR_SIGMA_POSITION, MOUNT_PRIOR_SIGMA_ROTATION), 3)
         known = block_diag(np.diag(1 / sigmas**2), self.target.information)
         if not self.target.was_touched:
             # Unknown, yet no determinant may vanish: half a turn and a metre.
@@ -386,9 +386,9 @@ BOARD_CLEARANCE: Final = 0.03
 """Metres that probe tip and sensor keep from the board while lines are taken."""
 SAME_POSE_TOLERANCE: Final = (0.01, float(np.radians(5.0)))
 """Metres and radians; poses nearer to each other in both count as the same."""
-YAW_COUNT: Final = 8
+FLANGE_YAW_COUNT: Final = 8
 """Ways to turn the flange about the board's normal, evenly spaced."""
-SMALL_TILT_GRID: Final = CandidatePoseGrid(
+SMALL_TILT_POSE_GRID: Final = CandidatePoseGrid(
     tilts=tuple(np.radians((0.0, 15.0, 30.0))), depths=(0.5,), places=(-0.2, 0.0, 0.2)
 )
 """What to choose from until there is a first result: the mount is known only roughly, and the
@@ -410,7 +410,7 @@ def poses_square_to_board(
         Flange pose to turn as little as possible from.
     """
     facing = T_b_board[:3, :3] @ rot_x(np.pi)
-    turns = [facing @ rot_z(2 * np.pi * k / YAW_COUNT) for k in range(YAW_COUNT)]
+    turns = [facing @ rot_z(2 * np.pi * k / FLANGE_YAW_COUNT) for k in range(FLANGE_YAW_COUNT)]
     turns.sort(key=lambda R: Rotation.from_matrix(near[:3, :3].T @ R).magnitude())
     return [pose(R, place_b - R @ tip_f) for R in turns]
 
@@ -607,7 +607,7 @@ class CalibrationPlan:
         CalibrationRefused
             If no pose is left that the arm reaches and that sees the board.
         """
-        T_f_s, grid = self.T_f_s, SMALL_TILT_GRID
+        T_f_s, grid = self.T_f_s, SMALL_TILT_POSE_GRID
         if result is not None:
             T_f_s, grid = result.T_f_s, CandidatePoseGrid()
         prediction = self.predict_from(T_f_s, target)

@@ -32,7 +32,7 @@ MAX_RETOUCHES: Final = 3
 """Touches that are taken again before a board counts as not flat."""
 MAX_SKIPPED_IN_A_ROW: Final = 5
 """Poses in a row that may see no line before the calibration gives up."""
-MAX_LINES_RATIO: Final = 2
+MAX_TAKEN_LINES_RATIO: Final = 2
 """Times the lines asked for: still more lines cure nothing."""
 POSE_REACHED_TOLERANCE: Final = 1e-4
 """Metres and radians; an arm nearer to a pose than this is at the pose."""
@@ -201,7 +201,7 @@ class CalibrationWizard:
         if count < wanted:
             return True
         if refusal is not None:
-            if count >= MAX_LINES_RATIO * wanted:
+            if count >= MAX_TAKEN_LINES_RATIO * wanted:
                 return False
             self.operator.report(str(refusal))
         more = Question("Take one more line?", refusal is not None, no="Finish")

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from tjscan.core.errors import ConfigurationError
 
-PATH_KEYS: Final = (".file", ".recording", ".profiles", ".poses", ".touched")
+FILE_KEY_SUFFIXES: Final = (".file", ".recording", ".profiles", ".poses", ".touched")
 """Endings of keys whose values are files."""
 
 JobKeys = Annotated[str, Parameter(allow_leading_hyphen=True, show=False)]
@@ -49,7 +49,7 @@ def parse_overrides(tokens: Sequence[str], method: str | None = None) -> dict[st
         if text is None:
             raise ConfigurationError(f"option {option} needs a value")
         key, found = option[2:].replace("-", "_"), _toml_value(option, text)
-        is_path = key.endswith(PATH_KEYS) and isinstance(found, str)
+        is_path = key.endswith(FILE_KEY_SUFFIXES) and isinstance(found, str)
         overrides[key] = str(Path(found).absolute()) if is_path else found
     return overrides if method is None else overrides | {"method": method}
 

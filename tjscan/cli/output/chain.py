@@ -12,7 +12,7 @@ from tjscan.cli.output.console import print_figures_table, print_message
 from tjscan.runs.chain import ChainOutcome, ErrorSourceRow, mount_error_in_words
 
 
-def print_sources(rows: Sequence[ErrorSourceRow], *, json: bool) -> None:
+def print_error_sources(rows: Sequence[ErrorSourceRow], *, json: bool) -> None:
     """Print what each source of error leaves, on stderr, and as JSON on stdout if asked."""
     head = ("source alone", "corners mean mm", "p95 mm", "in own frame mm", "T_f_s off by")
     print_figures_table(head, [(row.source, *_outcome_cells(row.outcome)) for row in rows])

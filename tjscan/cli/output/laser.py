@@ -17,7 +17,7 @@ from tjscan.laser.line_laser import DescribedLaser, LineLaser
 from tjscan.result.readings import ProfileReading, measures_with_sigmas, reading_to_dict
 
 PROFILE_DRAWING_ROWS: Final = 18
-WIDEST_DRAWING_CHARACTERS: Final = 110
+PROFILE_DRAWING_COLUMNS: Final = 110
 """Characters of the drawing of a profile."""
 
 POINT_MARK, CORNER_MARKS = "·", "12345678"
@@ -75,7 +75,7 @@ def describe_reading(reading: ProfileReading) -> str:
 
 
 @contextmanager
-def live_profiles(*, json: bool) -> Iterator[Callable[[ProfileReading], None]]:
+def show_live_readings(*, json: bool) -> Iterator[Callable[[ProfileReading], None]]:
     """Give what shows readings as they come, while the block runs; Ctrl-C ends it.
 
     Parameters
@@ -93,7 +93,7 @@ def live_profiles(*, json: bool) -> Iterator[Callable[[ProfileReading], None]]:
         elif live is None:
             print(describe_reading(reading), flush=True)
         else:
-            columns = min(console.width, WIDEST_DRAWING_CHARACTERS)
+            columns = min(console.width, PROFILE_DRAWING_COLUMNS)
             lines = [
                 *draw_profile(reading, columns, PROFILE_DRAWING_ROWS),
                 describe_reading(reading),

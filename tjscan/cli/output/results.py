@@ -29,7 +29,7 @@ from tjscan.uncertainty.budget import budget_in_words
 MOST_LISTED_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
 
-MOST_TURNED_PROFILES: Final = 10
+MOST_PROFILES_INVERTED: Final = 10
 """Profiles that are read with heights turned round if none shows a groove."""
 
 
@@ -103,7 +103,7 @@ def _found_in_words(reading: ProfileReading) -> str:
 
 def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
     """Print on stderr if profiles without a groove show one once their heights change sign."""
-    few = dict(islice(profiles.items(), MOST_TURNED_PROFILES))
+    few = dict(islice(profiles.items(), MOST_PROFILES_INVERTED))
     turned = {name: flip_heights(p) for name, p in few.items() if p.valid.any()}
     found = sum(reading.refusal is None for reading in measure_grooves(turned, settings))
     if 2 * found > len(turned):

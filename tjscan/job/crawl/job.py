@@ -25,7 +25,7 @@ from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
 from tjscan.joint.hull import HullJoint
 from tjscan.laser.drivers import LASER_DRIVERS
-from tjscan.laser.section_laser import STAND_OFF, SectionLaserModel
+from tjscan.laser.section_laser import LASER_STAND_OFF, SectionLaserModel
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.simulated_body import VehicleSimulationSettings
@@ -186,7 +186,7 @@ class CrawlSimulationSettings(SettingsTable):
                 f"is {stated_radius:g} m, and the simulated joint bends the other way with "
                 f"{joint.radius:g} m: both are positive if the joint bends to the right",
             )
-        line = 2 * STAND_OFF * tan(self.laser.half_angle)
+        line = 2 * LASER_STAND_OFF * tan(self.laser.half_angle)
         if not joint.width + 2 * LEAST_HULL_EACH_SIDE < line:
             yield (
                 "simulation.joint.width_mm",

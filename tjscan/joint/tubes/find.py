@@ -35,7 +35,7 @@ TRIAL_REACH: Final = 0.02
 ON_TUBE_DISTANCE: Final = 1.5e-3
 """Metres from a tube within which points lie on it, in the end: allows for a tube out of round."""
 
-LOSS_SCALE: Final = 0.2 * ON_TUBE_DISTANCE
+TUBE_LOSS_SCALE: Final = 0.2 * ON_TUBE_DISTANCE
 """Metres from a tube beyond which points lose weight while it is sought."""
 
 LEAST_TUBE_SHARE: Final = 0.08
@@ -85,8 +85,8 @@ def find_tubes_in_cloud(points: Array, *, seed: int = 0) -> FittedTubes:
     # Each again on the points that are its own.
     apart = np.abs(np.stack((first.signed_distances(thin), second.signed_distances(thin))))
     on, off = apart < ON_TUBE_DISTANCE, apart > 3 * ON_TUBE_DISTANCE
-    first, _ = fit_cylinder(first, thin[on[0] & off[1]], LOSS_SCALE)
-    second, _ = fit_cylinder(second, thin[on[1] & off[0]], LOSS_SCALE)
+    first, _ = fit_cylinder(first, thin[on[0] & off[1]], TUBE_LOSS_SCALE)
+    second, _ = fit_cylinder(second, thin[on[1] & off[0]], TUBE_LOSS_SCALE)
     chosen = points[:: max(1, len(points) // MOST_POLISH_POINTS)]
     first, second = refine_cylinder(first, chosen), refine_cylinder(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
@@ -118,7 +118,7 @@ def _best_cylinder(
     for trial in np.argsort(-votes, kind="stable")[:REFINED_TRIALS]:
         rough = Cylinder(centres[trial], axes[trial], float(radii[trial]))
         near = points[np.abs(rough.signed_distances(points)) < 2 * TRIAL_REACH * rough.radius]
-        refined, held = fit_cylinder(rough, near, LOSS_SCALE)
+        refined, held = fit_cylinder(rough, near, TUBE_LOSS_SCALE)
         held = held and (other is None or bool(_crosses_tube(refined.axis, other)))
         on_tube = np.abs(refined.signed_distances(points)) < ON_TUBE_DISTANCE
         supporters = int(on_tube.sum()) if held else 0

@@ -39,7 +39,7 @@ SEPARATOR_SAMPLE_LINES: Final = 50
 FEWEST_NUMBERED_COLUMNS: Final = 5
 """Shorter rows 1, 2, 3 are heights."""
 
-LONGEST_LINE: Final = 1_000_000
+LONGEST_LINE_CHARACTERS: Final = 1_000_000
 """Characters: a profile has some thousand points."""
 
 MOST_TABLE_CELLS: Final = 3_000_000
@@ -85,7 +85,7 @@ def read_text_table(file: Path) -> TextTable:
     ------
     UnicodeDecodeError, csv.Error, OSError
         If it is no text, holds more than `MOST_TABLE_CELLS` cells or a line of more than
-        `LONGEST_LINE` characters, or can't be read.
+        `LONGEST_LINE_CHARACTERS` characters, or can't be read.
     """
     lines = [
         (number, line.split(COMMENT_MARK, 1)[0])
@@ -115,8 +115,8 @@ def _split_cells(
 ) -> Iterator[tuple[int, list[str]]]:
     left = MOST_TABLE_CELLS
     for number, line in lines:
-        if len(line) > LONGEST_LINE:
-            raise csv.Error(f"line {number} has more than {LONGEST_LINE} characters")
+        if len(line) > LONGEST_LINE_CHARACTERS:
+            raise csv.Error(f"line {number} has more than {LONGEST_LINE_CHARACTERS} characters")
         row = line.split() if separator is None else next(csv.reader([line], delimiter=separator))
         left -= len(row)
         if left < 0:
@@ -405,7 +405,7 @@ def _match_axis(name: str, axis: str) -> re.Match[str] | None:
 PROFILE_SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".npy", ".ply")
 """Files of a folder that are read."""
 
-MOST_BYTES: Final = 100_000_000
+MOST_PROFILE_FILE_BYTES: Final = 100_000_000
 """A larger file is no profile; it would fill the memory."""
 
 
@@ -473,7 +473,7 @@ def _read_folder(folder: Path, form: ProfileFormat) -> FileProfiles:
 
 def _read_file(file: Path, form: ProfileFormat) -> FileProfiles:
     try:
-        check_file_size(file, MOST_BYTES, "profiles")
+        check_file_size(file, MOST_PROFILE_FILE_BYTES, "profiles")
         suffix = file.suffix.lower()
         if suffix == ".mcap":
             raise ConfigurationError(

@@ -41,7 +41,7 @@ Most answer at once; a datagram may get lost, and GigE Vision lets an answer tak
 HEARTBEAT_PATIENCE: Final = 3.2
 """Seconds for which a laser stays with a program that was killed: GigE Vision's usual heartbeat."""
 
-CLOCK_READINGS: Final = 10
+LASER_CLOCK_READINGS: Final = 10
 """Readings of a laser's clock; two must differ. Together they take milliseconds."""
 
 TRIGGER_SELECTORS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
@@ -296,7 +296,7 @@ class GenicamClient:
     def _can_read_clock(self) -> bool:
         """Whether the laser's clock can be read: two readings differ."""
         readings = set()
-        for _ in range(CLOCK_READINGS):
+        for _ in range(LASER_CLOCK_READINGS):
             with suppress(GenicamError):
                 self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
                 readings.add(self._camera.read_register(LATCHED_TIME, 8))
@@ -342,7 +342,7 @@ def main() -> None:
     with suppress(EOFError, OSError):  # the main process is gone
         while True:
             request: ClientRequest = connection.recv()
-            connection.send(request.answered_by(client, client.explain))
+            connection.send(request.run_on_client(client, client.explain))
     client.close()
     os._exit(0)  # without waiting for the library's threads
 

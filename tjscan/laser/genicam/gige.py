@@ -25,7 +25,7 @@ from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, pro
 from tjscan.laser.scancontrol import (
     MAX_RAW,
     MODEL_SCALES,
-    RAW_OF_ZERO,
+    RAW_COORDINATE_OF_ZERO,
     ScanControlScale,
     parse_scancontrol,
     profile_bytes,
@@ -363,7 +363,7 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
             f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a count "
             f"about x 0 and z {1e3 * scale.offset:g} mm, as the job states"
         )
-        limits = [scale.scale * (end - RAW_OF_ZERO) + scale.offset for end in raw]
+        limits = [scale.scale * (end - RAW_COORDINATE_OF_ZERO) + scale.offset for end in raw]
         return profile_bytes(table), sent, limits
 
     def _check_payload(self, laser: ConnectedLaser) -> None:

@@ -103,7 +103,7 @@ class ReceivedBlock:
     attempts: int
 
 
-CLOCK_DRIFT: Final = 1e-4
+LARGEST_CLOCK_DRIFT: Final = 1e-4
 """How much two clocks may differ in rate: quartz is within 50 parts in a million."""
 
 
@@ -144,7 +144,7 @@ def host_time_of_exposure(ticks: int, ticks_per_second: int, read: HostInterval)
         When the laser's clock was read.
     """
     later = ticks / ticks_per_second
-    spread = CLOCK_DRIFT * abs(later)
+    spread = LARGEST_CLOCK_DRIFT * abs(later)
     return HostInterval(read.begin + later - spread, read.end + later + spread)
 
 

@@ -106,7 +106,7 @@ class RtdeClient:
         self._sent, self._received = LongestSilence(moment), LongestSilence(moment)
         return self._watched
 
-    def read_state_supervising_move(self) -> ControllerState:
+    def read_state_marking_followed(self) -> ControllerState:
         """Read the state during a move, and note that the main process supervises it."""
         now = self.read_state()
         self._followed = time.monotonic()
@@ -236,7 +236,7 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
             client.stop_arm_and_script()
             return
         try:
-            connection.send(request.answered_by(client, lambda e: str(e) or type(e).__name__))
+            connection.send(request.run_on_client(client, lambda e: str(e) or type(e).__name__))
         except OSError:
             continue  # the main process is gone: the next poll finds out
         client.feed_watchdog()

@@ -121,7 +121,7 @@ STALL_TIMEOUT: Final = 10.0
 SETTLE_TIMEOUT: Final = 1.0
 """Seconds the arm may take to come to rest where it was sent."""
 
-REST_SPEED: Final = 5e-3
+JOINT_SPEED_AT_REST: Final = 5e-3
 """rad/s: what encoders show of a joint at rest, an assumption."""
 
 LEAST_MOVING_TURN: Final = 1e-5
@@ -223,8 +223,8 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         now = session.read_state()
         # A look later than the one that saw the end: both links have the end by then.
         newer, state = now.time > first, session.arm_state_from(now)
-        rests = newer and np.abs(now.speed).max() < REST_SPEED
-        distance, angle, near = session.settings.distance_and_angle_missed(state.T_b_f, T_b_f)
+        rests = newer and np.abs(now.speed).max() < JOINT_SPEED_AT_REST
+        distance, angle, near = session.settings.compare_with_wanted_pose(state.T_b_f, T_b_f)
         if rests and near:
             return state
         if newer and time.monotonic() > limit:
@@ -240,7 +240,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         session.latch.wait_for_stop(POLL_PERIOD)
 
 
-PROGRAM_PORT: Final = 30002
+SECONDARY_PORT: Final = 30002
 """Of the secondary interface, which takes programs."""
 
 PROGRAM_LOOK_PERIOD: Final = 0.05
@@ -323,13 +323,13 @@ def run_program(
 def _send_script(session: ControllerSession, script: str) -> None:
     host = session.settings.host
     try:
-        with socket.create_connection((host, PROGRAM_PORT), MOVE_START_LIMIT) as link:
+        with socket.create_connection((host, SECONDARY_PORT), MOVE_START_LIMIT) as link:
             link.sendall(f"{script.rstrip()}\n".encode())
             # Some controllers drop what they have not read when the link closes.
             time.sleep(4 * PROGRAM_LOOK_PERIOD)
     except OSError as error:
         raise ArmNotConnected(
-            f"the controller at {host} takes no programs (port {PROGRAM_PORT}: "
+            f"the controller at {host} takes no programs (port {SECONDARY_PORT}: "
             f"{error.strerror or error}). See that the interface is enabled in its security "
             "settings."
         ) from None
@@ -347,7 +347,7 @@ def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
 
 def _check_program_end_pose(session: ControllerSession, T_b_tcp: Array) -> None:
     there = pose_vector.pose_from_vector(np.array(session.read_state(beside_program=True).tcp))
-    distance, angle, near = session.settings.distance_and_angle_missed(there, T_b_tcp)
+    distance, angle, near = session.settings.compare_with_wanted_pose(there, T_b_tcp)
     if not near:
         raise PoseNotReached(
             f"the program ended {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} deg from where "

@@ -48,7 +48,7 @@ NEXT_READING_DELAY: Final = 0.02
 ANSWER_SLACK: Final = 1.0
 """Seconds that the client's process may take for itself on a busy machine."""
 
-RECONNECT_SHARE: Final = 0.3
+RECONNECT_WAIT_SHARE: Final = 0.3
 """Share of the controller's longest silence for which a dashboard's new connection is waited for,
 and as long for its greeting: a move goes unfollowed meanwhile."""
 
@@ -106,7 +106,7 @@ class ControllerSession:
         """
         self._check_no_fault()
         limit = self.settings.silence_limit + ANSWER_SLACK
-        name = "read_state_supervising_move" if supervising_move else "read_state"
+        name = "read_state_marking_followed" if supervising_move else "read_state"
         try:
             now = self.ask_client(ControllerState, name, limit=limit)
             self._check_clock_advances(now)
@@ -229,7 +229,7 @@ class ControllerSession:
 
     def _reconnect_dashboard(self, lost: ArmFault) -> None:
         try:
-            self.dashboard.connect_again(RECONNECT_SHARE * self.settings.silence_limit)
+            self.dashboard.connect_again(RECONNECT_WAIT_SHARE * self.settings.silence_limit)
         except ArmFault:
             self.stop_move()
             raise self.end_for_fault(

@@ -45,7 +45,7 @@ class UrSettings(SettingsTable):
         if self.payload is None and any(self.payload_centre):
             raise ValueError("payload_centre_mm needs payload_kg beside it")
 
-    def distance_and_angle_missed(self, T: Array, T_wanted: Array) -> tuple[float, float, bool]:
+    def compare_with_wanted_pose(self, T: Array, T_wanted: Array) -> tuple[float, float, bool]:
         """Distance, metres, and angle, radians, between two poses; whether both are tolerated."""
         distance = float(np.linalg.norm(T[:3, 3] - T_wanted[:3, 3]))
         angle = rotation_angle_between(T, T_wanted)

@@ -88,7 +88,7 @@ def _calibrate_on_ball(
     )
 
 
-def _describe_board_evidence(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
+def _basis_on_touched_board(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
     """What a calibration on a touched board rests on; raises as `fit_plane` does."""
     task, measured = wizard.task, wizard.measurements
     target, _ = task.fit_board(measured)
@@ -179,7 +179,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
             (result, verification), noise = wizard.run(), job.board.noise
-            basis = _describe_board_evidence(wizard, result)
+            basis = _basis_on_touched_board(wizard, result)
         else:
             verification, noise = None, job.ball.noise
             result, basis = _calibrate_on_ball(job, job.ball, wizard)

@@ -31,7 +31,7 @@ from tjscan.live.step import (
     Measure,
     PlaneCurve,
     Sample,
-    Setting,
+    SceneSetup,
     Step,
 )
 from tjscan.result.directory import JOB_FILE
@@ -81,7 +81,7 @@ class CalibrationShow:
                 return self._progress_step(entry)
         return Step()
 
-    def next_pose(self, T_b_f: Array | None) -> Step:
+    def draw_next_pose(self, T_b_f: Array | None) -> Step:
         """Draw the target of the next move: the flange's axes, and the laser's plane from there."""
         if T_b_f is None:
             return Step(drawn={"next": Lines(np.empty((0, 2, 3)), FITTED_COLOUR)})
@@ -93,7 +93,7 @@ class CalibrationShow:
         way = np.stack((T_b_f[:3, 3], T_b_s[:3, 3]))
         return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED_COLOUR, width=3.0)})
 
-    def _make_scene_setup(self, job: CalibrationJob, title: str) -> Setting:
+    def _make_scene_setup(self, job: CalibrationJob, title: str) -> SceneSetup:
         board, (x, y) = self._plan.T_b_board, self._plan.half_sizes
         corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
         triangles = np.array([(0, 1, 2), (0, 2, 3)])
@@ -102,7 +102,7 @@ class CalibrationShow:
         away = float(np.linalg.norm(at[:2]))
         out = 3.2 * max(away, 0.4)
         aside = rot_z(np.radians(-65)) @ np.array((*(at[:2] / max(away, 1e-6)), 0.0))
-        return Setting(
+        return SceneSetup(
             title,
             (POSITION_SIGMA_MEASURE, ROTATION_SIGMA_MEASURE),
             "lines taken",
@@ -221,7 +221,7 @@ class PageOperator:
             self._pressed.get()
         words = f"{question.yes} or {question.no}"
         self._run.record(Step(facts={STATE_FACT: question.text, BUTTONS_FACT_NAME: words}))
-        self._run.record(self._show.next_pose(question.T_b_f))
+        self._run.record(self._show.draw_next_pose(question.T_b_f))
         self._enable_buttons(question.yes, question.no)
         while (answer := self._wait_for_button(question)) not in (question.yes, question.no):
             pass  # of a button that answers nothing now

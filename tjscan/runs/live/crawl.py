@@ -51,7 +51,7 @@ SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 BUTTON_HOLD_LIFETIME: Final = 0.3
 """Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
 a second. It leaves the rest of a vehicle's `DEAD_MAN` to brake in."""
-SHORTEST_ORDER_CYCLE: Final = 0.01
+LEAST_DRIVE_ORDER_INTERVAL: Final = 0.01
 """Seconds between two orders at least: a simulated vehicle waits for nothing."""
 
 
@@ -92,7 +92,7 @@ class CrawlShow:
                 )
         return live_step.Step()
 
-    def _make_scene_setup(self, title: str) -> live_step.Setting:
+    def _make_scene_setup(self, title: str) -> live_step.SceneSetup:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
         size = (job.vehicle.body_length, job.vehicle.body_width, DRAWN_CRAWLER_HEIGHT)
@@ -108,7 +108,7 @@ class CrawlShow:
         hull = np.vstack((ends - wide, (ends + wide * (1, 1, -1))[::-1]))
         middle = np.array((0.5 * (length - before), 0.0, 0.0))
         away = length + before + 2 * job.vehicle.body_length
-        return live_step.Setting(
+        return live_step.SceneSetup(
             title,
             (
                 TORCH_DEVIATION_MEASURE,
@@ -280,7 +280,7 @@ class PageHandDrive:
 
     def order(self) -> Twist | None:
         """Return what is asked for now; see `HandDrive.order`."""
-        self._wait(max(0.0, self._last + SHORTEST_ORDER_CYCLE - self._clock()))
+        self._wait(max(0.0, self._last + LEAST_DRIVE_ORDER_INTERVAL - self._clock()))
         self._last = now = self._clock()
         if self._begun.is_set():
             return None

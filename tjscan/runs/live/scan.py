@@ -24,7 +24,7 @@ from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import ArmPosture, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
+from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, Sample, SceneSetup, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE
@@ -45,7 +45,7 @@ GROOVE_DEPTH_MEASURE: Final = Measure("depth", "mm")
 CORNER_SIGMA_MEASURE: Final = Measure("sigma of the corners", "mm")
 """By the profile's noise alone: what all sections share is in the report's budget."""
 
-EVENTS_AT_REST: Final = ("paused", "stop", "failed", "interrupted", "complete")
+ARM_STILL_EVENTS: Final = ("paused", "stop", "failed", "interrupted", "complete")
 """Events after which the arm does not move."""
 
 LASER_FAN_POINTS: Final = 32
@@ -86,7 +86,7 @@ class ScanShow:
             self.total = 2 + round(plan.length / plan.step)
         self.setting = self._make_scene_setup(context.job, title)
 
-    def _make_scene_setup(self, job: ScanJob, title: str) -> Setting:
+    def _make_scene_setup(self, job: ScanJob, title: str) -> SceneSetup:
         measures = (
             GROOVE_ANGLE_MEASURE,
             ROOT_OPENING_MEASURE,
@@ -95,7 +95,7 @@ class ScanShow:
         )
         look_at, look_from = self._camera_place(job.scan)
         known = self._joint is not None
-        return Setting(
+        return SceneSetup(
             title,
             (CORNER_DEVIATION_MEASURE, *measures) if known else measures,
             "clock position / h" if known else "section",
@@ -119,7 +119,7 @@ class ScanShow:
                 label = f"section {section.view.index}"
                 return Step(label, self._measured_piece(section.view, section.points_b, {}))
             case RunEvent(name, detail):
-                state = {STATE_FACT: f"{name}: {detail}"} if name in EVENTS_AT_REST else {}
+                state = {STATE_FACT: f"{name}: {detail}"} if name in ARM_STILL_EVENTS else {}
                 return Step(name, facts=state, events=((name, detail),))
         return Step()
 

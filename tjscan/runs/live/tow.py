@@ -23,7 +23,7 @@ from tjscan.live.colours import (
 from tjscan.live.drawables import BodyPose, Drawable, Lines
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import STATE_FACT, Measure, Sample, Setting, Step
+from tjscan.live.step import STATE_FACT, Measure, Sample, SceneSetup, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.settings import Cylinder, Solid
@@ -75,7 +75,7 @@ class TowShow:
                 return Step(name, facts=stopped, events=((name, detail),))
         return Step()
 
-    def _make_scene_setup(self, title: str) -> Setting:
+    def _make_scene_setup(self, title: str) -> SceneSetup:
         job = self._job
         rings = (job.area.outline, *job.area.holes)
         walls = [_lift_to_height(np.array((*ring, ring[0])), height=0.0) for ring in rings]
@@ -90,7 +90,7 @@ class TowShow:
             (CABLE_CLEARANCE_MEASURE, VEHICLE_CLEARANCE_MEASURE),
             (WELDER_FORCE_MEASURE, VEHICLE_FORCE_MEASURE),
         )
-        return Setting(
+        return SceneSetup(
             title,
             (LARGEST_BEND_MEASURE, *clearances, OBJECTIVE_MEASURE, *forces),
             "time / s",

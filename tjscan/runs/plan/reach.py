@@ -45,7 +45,7 @@ from tjscan.robot.tool_reach import (
 from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.journal import grid_triangles
 
-ARM_STATION: Final = "arm"
+SOLE_STATION_NAME: Final = "arm"
 """Name of the station of a job without stations."""
 
 
@@ -56,7 +56,7 @@ class WeldingStation:
     Parameters
     ----------
     name : str
-        Of the station; `ARM_STATION` for a job without stations.
+        Of the station; `SOLE_STATION_NAME` for a job without stations.
     job : ScanJob
         Of that station alone.
     job_file : Path
@@ -143,7 +143,7 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
             if job.joint is None or job.station:
                 raise ConfigurationError("does not state the pose of the joint", key="joint")
             T_b_r = job.joint.T_w_j
-        name = job.station_names[0] if job.station else ARM_STATION
+        name = job.station_names[0] if job.station else SOLE_STATION_NAME
         return (_make_station(name, job, directory, T_b_r),)
     order = _read_job(directory).station_names if (directory / JOB_FILE).is_file() else ()
     found = []
@@ -172,10 +172,10 @@ def _read_job(folder: Path) -> ScanJob:
 REACH_STEP: Final = 25e-3
 """Metres along the groove between the places at which holds are looked for."""
 
-MARGIN_RESERVE: Final = 1e-3
+EXTRA_COLLISION_MARGIN: Final = 1e-3
 """Metres further than the margins at these places, for what is between them."""
 
-SURFACE_STEP: Final = 10e-3
+GROOVE_SURFACE_SPACING: Final = 10e-3
 """Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
 
 
@@ -365,7 +365,7 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
         station.kinematics,
         torch.tcp.T,
         T,
-        station.make_hindrance(torch, groove, MARGIN_RESERVE),
+        station.make_hindrance(torch, groove, EXTRA_COLLISION_MARGIN),
         singular=station.job.clearance.singular,
         closed=edges.closed,
     )
@@ -388,7 +388,7 @@ def groove_surface(edges: GrooveEdges, sections: Array) -> Array:
     ndarray, shape (m, 5, 3)
         p1 to p5 of m sections along the groove; of one that closes, the first again at the end.
     """
-    s = np.linspace(0.0, edges.length, ceil(edges.length / SURFACE_STEP) + 1)
+    s = np.linspace(0.0, edges.length, ceil(edges.length / GROOVE_SURFACE_SPACING) + 1)
     p3, p4, _, p2 = np.moveaxis(edges.corners(s), 1, 0)
     period = edges.length if edges.closed else None
     wall, leg = (

@@ -29,20 +29,20 @@ from tjscan.joint.tubes.find import find_tubes_in_cloud
 from tjscan.joint.tubes.fit import dihedral_angles, dihedral_sigmas
 from tjscan.laser.profile import Profile
 from tjscan.planning.crawl_passes import CrawlPass, crawl_passes_of_plan
-from tjscan.planning.details import DetailStretch, compare_with_details
+from tjscan.planning.details import DetailStretch, find_stretches_off_details
 from tjscan.planning.document import PlanDocument, StationEntry, beads_to_csv, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners, fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import UNREACHED_STATION, StationStretch, crowns_and_saddles
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
-from tjscan.planning.wps import M_MIN, WeldingProcedure, read_wps
+from tjscan.planning.wps import M_PER_MIN, WeldingProcedure, read_wps
 from tjscan.result.directory import CLOUD_FILE, JOB_FILE, SECTIONS_FILE, job_label_of_run
-from tjscan.result.export import WELDX_ROOTS
+from tjscan.result.export import WELDX_ROOT_FRAME_NAMES
 from tjscan.result.shapes import read_finished_sections, read_run_shape
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.plan.reach import (
-    ARM_STATION,
+    SOLE_STATION_NAME,
     WeldingStation,
     find_station_reach,
     groove_surface,
@@ -57,7 +57,7 @@ WELDX_FILE: Final = "plan.weldx"
 CRAWL_PASSES_FILE: Final = "plan-passes.toml"
 """Tables that a crawl job takes."""
 
-EARLIER_PLAN_FILES: Final = (
+STALE_PLAN_FILES: Final = (
     "plan.urscript",
     "plan-*.urscript",
     CRAWL_PASSES_FILE,
@@ -68,7 +68,7 @@ EARLIER_PLAN_FILES: Final = (
 
 
 @contextmanager
-def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
+def add_file_to_plan_errors(wps_file: Path, sections: Path) -> Iterator[None]:
     """Add to errors of the block the file that holds their key: the WPS, or the sections.
 
     An option of the command line is in no file.
@@ -94,7 +94,7 @@ def _check_stated_passes(sections: Sequence[MeasuredSection], after_pass: int) -
         )
 
 
-def check_details_of_run(
+def check_wps_details(
     directory: Path, sections: Sequence[MeasuredSection], edges: GrooveEdges, wps: WeldingProcedure
 ) -> tuple[DetailStretch, ...]:
     """Compare a run's groove with the WPS's table, by the tubes fitted to its cloud.
@@ -128,7 +128,7 @@ def check_details_of_run(
         ) from None
     origins = np.array([section.T_r_g[:3, 3] for section in sections])
     angles = dihedral_angles(tubes.brace, tubes.leg, origins)
-    return compare_with_details(edges, angles, dihedral_sigmas(tubes, origins), wps.detail)
+    return find_stretches_off_details(edges, angles, dihedral_sigmas(tubes, origins), wps.detail)
 
 
 Replan = Callable[[tuple[StationStretch, ...]], WeldPlan]
@@ -192,7 +192,7 @@ def divide_plan(
     for reach in reaches:
         name, problem, file = reach.station.name, "", ""
         if any(bead.station == name for bead in divided.beads):
-            file = "plan.urscript" if name == ARM_STATION else f"plan-{name}.urscript"
+            file = "plan.urscript" if name == SOLE_STATION_NAME else f"plan-{name}.urscript"
             try:
                 paths[file] = reach.lead_torch(divided)
             except PoseUnreachable as error:
@@ -296,14 +296,14 @@ def write_plan(
     label = f"{plan.wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
     stations = divided.stations
     document = plan_document(plan, provenance, name, label, details, stations, without_stations)
-    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_PLAN_FILES) as draft:
+    with write_files_atomically(folder, last=PLAN_FILE, instead_of=STALE_PLAN_FILES) as draft:
         for file, text in texts.items():
             (draft / file).write_text(text, encoding="utf-8")
         write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
         table = beads_to_csv(plan, provenance)
         (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
         if weldx_is_installed():
-            root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
+            root = WELDX_ROOT_FRAME_NAMES.get(provenance.frame, provenance.frame)
             write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
         (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
         files = tuple(sorted(one.name for one in draft.iterdir()))
@@ -348,7 +348,7 @@ def plan_run(
     """
     wps = read_wps(wps_file)
     summary, sections = read_finished_sections(directory)
-    with add_file_of_key(wps_file, directory / SECTIONS_FILE):
+    with add_file_to_plan_errors(wps_file, directory / SECTIONS_FILE):
         _check_stated_passes(sections, after_pass)
         # By what the areas of all sections err alike, m²; 0 if that is not known.
         parts = () if summary.uncertainty is None else summary.uncertainty.components
@@ -358,7 +358,7 @@ def plan_run(
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
-        details = check_details_of_run(directory, sections, edges, wps)
+        details = check_wps_details(directory, sections, edges, wps)
         divided, without = DividedPlan(plan), "" if reach else "reach was not asked for"
         arms: tuple[WeldingStation, ...] = ()
         if reach:
@@ -384,7 +384,7 @@ AVERAGING_LENGTH: Final = 20e-3
 FEWEST_PROFILES: Final = 3
 """Profiles that make one."""
 
-USUAL_DEPTH_RADIUS: Final = 0.1
+MEDIAN_DEPTH_REACH: Final = 0.1
 """Metres to either side of a place whose median depth is usual there: no tack is half as long."""
 
 CRAWL_PLAN_FRAME: Final = "c"
@@ -430,7 +430,7 @@ def plan_crawl_run(
             f"the crawl saw nothing on its way back from pass {after_pass}: did it weld so many?",
             key="--after-pass",
         )
-    with add_file_of_key(wps_file, directory / f"{CRAWL_RECORDING}.mcap"):
+    with add_file_to_plan_errors(wps_file, directory / f"{CRAWL_RECORDING}.mcap"):
         edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
         passes = crawl_passes_of_plan(plan)
@@ -466,8 +466,8 @@ def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:
         lines += [
             "",
             f"# bead {bead.number}: {bead.kind}, layer {bead.layer}.{bead.place}, wire feed "
-            f"{bead.feed / M_MIN.factor:.2f} m/min; up to {1e3 * one.strays:.2f} mm off the bead's "
-            f"own path, fill up to {100 * one.misfills:.1f} % off",
+            f"{bead.feed / M_PER_MIN.factor:.2f} m/min; up to {1e3 * one.strays:.2f} mm off the "
+            f"bead's own path, fill up to {100 * one.misfills:.1f} % off",
             "[[pass]]",
             f"speed_mm_s = {one.speed / MM_S.factor:.4f}",
             f"offset_mm = {one.offset / MM.factor:.3f}",
@@ -511,7 +511,7 @@ def butt_joint_edges(
     readings = _read_along_weld(seen, length)
     places = np.array([at for at, _ in readings])
     depths = np.array([reading.depth_left for _, reading in readings])
-    usual = [np.median(depths[np.abs(places - at) <= USUAL_DEPTH_RADIUS]) for at in places]
+    usual = [np.median(depths[np.abs(places - at) <= MEDIAN_DEPTH_REACH]) for at in places]
     higher = np.array(usual) - depths
     station = (places / AVERAGING_LENGTH).astype(int)
     middles, tacked, rows = [], [], []

@@ -87,7 +87,7 @@ def _check_arm_place(job: ScanJob, scanned: ScanJob, station: str | None) -> Non
         )
 
 
-def path_of_station(paths: Mapping[str, StationPath], station: str | None) -> StationPath:
+def find_station_path(paths: Mapping[str, StationPath], station: str | None) -> StationPath:
     """The path of a station, or the only one there is.
 
     Raises

@@ -23,7 +23,7 @@ from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 
-ORDINARY_EVENTS: Final = (ScanEvent.STOP, ScanEvent.RESUMED, ScanEvent.PAUSED, "arm")
+EVENTS_WITHOUT_WARNING: Final = (ScanEvent.STOP, ScanEvent.RESUMED, ScanEvent.PAUSED, "arm")
 """Events that are no warning."""
 
 COUNTED_EVENTS: Final = (ScanEvent.HALF_STEP,)
@@ -67,7 +67,7 @@ def _scan_in_words(job: ScanJob) -> str:
 
 def _scan_findings(job: ScanJob, events: Sequence[RunEvent]) -> Iterator[str]:
     for name, count in Counter(event.name for event in events).items():
-        if name not in (*ORDINARY_EVENTS, *COUNTED_EVENTS):
+        if name not in (*EVENTS_WITHOUT_WARNING, *COUNTED_EVENTS):
             times = "" if count == 1 else f", {count} times"
             yield f"An event was recorded: {name}{times}. See the events."
     kinds = {job.arm.driver_kind, job.laser.driver_kind}

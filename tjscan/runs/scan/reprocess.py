@@ -30,14 +30,14 @@ from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.sections_before import read_section
 
-UNCERTAINTY_KEYS: Final = ("arm.uncertainty.", "laser.uncertainty.")
-REPROCESSABLE_KEYS: Final = ("groove.", "calibration.", "joint.", *UNCERTAINTY_KEYS)
+UNCERTAINTY_KEY_PREFIXES: Final = ("arm.uncertainty.", "laser.uncertainty.")
+REPROCESSABLE_KEY_PREFIXES: Final = ("groove.", "calibration.", "joint.", *UNCERTAINTY_KEY_PREFIXES)
 """Keys of how recorded profiles are read and reported, not of how they were taken."""
 
-FEWEST_SECTIONS: Final = 2
+FEWEST_RESULT_SECTIONS: Final = 2
 """Sections that make a result: fewer have no step between them."""
 
-LARGEST_MOVE_STEPS: Final = 0.3
+LARGEST_SECTION_SHIFT_STEPS: Final = 0.3
 """Steps between a section now and then; one that is found further away is not the same."""
 
 
@@ -104,7 +104,7 @@ def reprocess_run(
     directory : Path
         The run directory, which stays as it is; or one that holds the runs of several stations.
     overrides : dict
-        Dotted keys and values, from `REPROCESSABLE_KEYS` only.
+        Dotted keys and values, from `REPROCESSABLE_KEY_PREFIXES` only.
     out : Path, optional
         The directory to make, outside of the run's; beside it if left out.
     finished : callable
@@ -125,7 +125,7 @@ def reprocess_run(
     refuse_links_outside(directory, *run.COPIED_FILES)
     check_as_written(*(directory / name for name in run.COPIED_FILES))
     why = "is about how the profiles were taken, and they are taken"
-    run.refuse_fixed_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
+    run.refuse_fixed_keys(overrides, REPROCESSABLE_KEY_PREFIXES, why, job_file)
     out = out or dated_sibling_directory(directory)
     run.refuse_directory_inside(out, directory)
     job = read_scan_job(job_file, overrides)
@@ -157,8 +157,8 @@ def _reprocess_station(context: ScanContext, out: Path) -> ReprocessedStation:
     recorded = read_recorded_scan(directory, damages.append)
     lost: dict[int, GrooveNotFound] = {}
     sections = tuple(_read_sections_again(context.job, recorded, T_f_s, lost))
-    if len(sections) < FEWEST_SECTIONS:
-        few = f"{directory}: holds less than {FEWEST_SECTIONS} finished sections"
+    if len(sections) < FEWEST_RESULT_SECTIONS:
+        few = f"{directory}: holds less than {FEWEST_RESULT_SECTIONS} finished sections"
         raise next(iter(lost.values()), RecordingError(few))
     context.make_run_directory(out)
     with write_files_atomically(out) as draft:
@@ -189,7 +189,7 @@ def _read_sections_again(
     job: ScanJob, recorded: RecordedScan, T_f_s: Array, lost: dict[int, GrooveNotFound]
 ) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
-    read, far = groove_reader_of_job(job), LARGEST_MOVE_STEPS * job.scan.step
+    read, far = groove_reader_of_job(job), LARGEST_SECTION_SHIFT_STEPS * job.scan.step
     found: list[ScannedSection] = []
     for one in recorded.sections.values():
         try:

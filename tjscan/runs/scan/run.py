@@ -44,7 +44,7 @@ from tjscan.scanning.journal import (
     plan_is_fulfilled,
 )
 from tjscan.scanning.profile_taker import ScanSetup
-from tjscan.scanning.recording import ScanRecording, read_recorded_scan
+from tjscan.scanning.recording import ScanRecordingWriter, read_recorded_scan
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.sections_before import GrooveReader
@@ -126,7 +126,7 @@ class ScanContext(JobContext[ScanJob]):
         """Record into a run directory while the block runs; gives the journal that writes it."""
         arm, T_b_j = Kinematics.load(self.job.arm.model), result_frame_of_job(self.job).T_b_j
         root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
-        with ScanRecording(
+        with ScanRecordingWriter(
             next_recording_file(directory),
             take_job_snapshot(directory, self.job),
             joint_names=arm.joint_names,

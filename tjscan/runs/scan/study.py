@@ -116,10 +116,10 @@ def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -
         wall = rules.leg_wall_to_brace_wall * brace.wall_mm
         leg = leg.model_copy(update={"wall_mm": wall})
     joint = joint.model_copy(update={"leg": leg, "brace": brace})
-    return joint if rules.room_mm is None else _joint_with_room(joint, rules.room_mm)
+    return joint if rules.room_mm is None else _cut_tubes_beside_groove(joint, rules.room_mm)
 
 
-def _joint_with_room(joint: JointFile, room_mm: float) -> JointFile:
+def _cut_tubes_beside_groove(joint: JointFile, room_mm: float) -> JointFile:
     """The joint with as much leg and brace as leaves room beyond the groove."""
     longest = {"length_mm": LONGEST_TUBE_MM}
     leg, brace = joint.leg.model_copy(update=longest), joint.brace.model_copy(update=longest)
@@ -263,13 +263,13 @@ def plan_with_centred_groove(
         about the middle of the window and of the line.
     """
     azimuths = azimuths_at_plan_shares(joint, azimuth, plan, np.linspace(0, 1, 9))
-    corners = np.concatenate([_corners_seen_s(joint, phi, plan) for phi in azimuths])
+    corners = np.concatenate([_ideal_corners_s(joint, phi, plan) for phi in azimuths])
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     standoff = plan.standoff + sum(window) / 2 - float(middle[2])
     return replace(plan, offset=plan.offset - float(middle[0]), standoff=standoff)
 
 
-def _corners_seen_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
+def _ideal_corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
     sections = JointGrooveSections(joint, [azimuth])
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))
@@ -548,7 +548,7 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
                 key="calibration.file",
             )
         joint = _read_joint_file(job_file.parent / job.joint.file, joint_keys, rules)
-        changed, followed = _apply_rules(job, joint, rules, mount.T_f_s)
+        changed, followed = _apply_derived_key_rules(job, joint, rules, mount.T_f_s)
         if job.calibration.file is not None:
             changed["calibration"] = {"T_f_s_mm": pose_to_rows_mm(mount.T_f_s)}
         resolved = validate_table(ScanJob, table_to_dict(job) | changed)
@@ -596,7 +596,7 @@ def _read_joint_file(file: Path, keys: Mapping[str, Any], rules: DerivedKeySetti
     return joint
 
 
-def _apply_rules(
+def _apply_derived_key_rules(
     job: ScanJob, joint: JointFile, rules: DerivedKeySettings, T_f_s: Array
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What rules make of a job: whole tables that they change, and cells that show it."""

@@ -22,11 +22,11 @@ UNKNOWN_MOUNT_TEXT = (
     "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
 )
 CALIBRATED_EVIDENCE = "calibrated"
-JOINT_POSE_TEXT = "where the joint stands: the job states it without its uncertainty"
+UNKNOWN_JOINT_POSE_TEXT = "where the joint stands: the job states it without its uncertainty"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StatedCauses:
+class ViewErrorCauses:
     """Causes of error in the views of a scan, and what is left out of them.
 
     Parameters
@@ -48,7 +48,7 @@ class StatedCauses:
 
 def causes_of_job(
     job: CellJob, mount: SensorMount, sections: Sequence[ScannedSection]
-) -> StatedCauses:
+) -> ViewErrorCauses:
     """Causes of error in the views of a job's scan.
 
     Parameters
@@ -94,8 +94,8 @@ def causes_of_job(
     if bias > 0:
         found.append(view_causes.range_bias_cause(sections, bias, of_bias))
     if job.joint is not None and not job.station:
-        left_out.append(JOINT_POSE_TEXT)
-    return StatedCauses(tuple(found), tuple(left_out))
+        left_out.append(UNKNOWN_JOINT_POSE_TEXT)
+    return ViewErrorCauses(tuple(found), tuple(left_out))
 
 
 def _causes_of_arm(

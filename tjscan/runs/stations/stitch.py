@@ -224,7 +224,7 @@ def stitch_run_directories(
     RecordingError
         If one can't be read, or the result can't be written.
     """
-    read = separate_errors_by_device(list(map(read_station_run, station_directories(runs))))
+    read = name_causes_by_device(list(map(read_station_run, station_directories(runs))))
     for one, other in combinations(read, 2):
         if one.station.name == other.station.name:
             raise ConfigurationError(
@@ -247,7 +247,7 @@ def stitch_run_directories(
     return done
 
 
-def separate_errors_by_device(read: Sequence[StationRun]) -> list[StationRun]:
+def name_causes_by_device(read: Sequence[StationRun]) -> list[StationRun]:
     """Stations of different devices, their shared errors named apart: they share none of them."""
     kinds = list(dict.fromkeys(one.devices for one in read))
     if len(kinds) < 2:
