@@ -12,10 +12,11 @@ from tjscan.core.errors import CrawlStopped, GrooveNotFound
 from tjscan.crawler.contradiction import ContradictionWatch
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_tracking.registration import JointPlacement
-from tjscan.crawler.journal import CrawlCycle, is_by_hand
+from tjscan.crawler.journal import TORCH_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
 from tjscan.crawler.torch_axes import TorchAxes
+from tjscan.crawler.torch_trace import TorchTracer
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import Journal, RunEvent
@@ -31,6 +32,9 @@ LONGEST_PERIOD: Final = 2.0
 MOST_PROFILE_AGE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten
 of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
+
+TRACE_ENDS: Final = frozenset({Event.PASSES_LEFT, Event.ALL_WELDED, Event.DANGER})
+"""Events at which it is known where the torch was: a reversal has shown the crab, or it stopped."""
 
 MOST_KEPT_PROFILES: Final = 10
 """Profiles that are kept."""
@@ -168,7 +172,7 @@ class ControlCycle:
         self._devices, self._method, self._guards = devices, method, guards
         self._journal = journal
         self.joint = JointSensor(devices, journal)
-        self._watch = ContradictionWatch(devices.tracks)
+        self._watch, self._tracer = ContradictionWatch(devices.tracks), TorchTracer(method)
         self._time: float | None = None
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
@@ -256,6 +260,8 @@ class ControlCycle:
         )
         self.deviation = cycle.deviation
         self._journal.record(cycle)
+        if self.arc:
+            self._tracer.add(self.number, self.travel, torch_y - path)
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:
@@ -282,6 +288,9 @@ class ControlCycle:
 
     def enter(self, event: Event, detail: str) -> None:
         """Go on to the phase that an event leads to."""
+        if event in TRACE_ENDS and (trace := self._tracer.finish()) is not None:
+            self._journal.record(trace)
+            self._journal.record(RunEvent(TORCH_EVENT, trace.text))
         self.phase = next_phase(self.phase, event)
         self._journal.record(RunEvent(str(self.phase), detail))
 

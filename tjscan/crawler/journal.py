@@ -17,6 +17,7 @@ from tjscan.core.signals import hold_ctrl_c
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
+from tjscan.crawler.torch_trace import TorchTrace
 from tjscan.laser.profile import Profile
 from tjscan.recording import foxglove
 from tjscan.recording.foxglove import PROFILE_TOPIC
@@ -135,7 +136,15 @@ slip is in the last cycle of those that are written at once."""
 PLACE_TOPIC: Final = Topic.of("/simulation/torch", SimulatedPlace)
 """Where a simulated vehicle truly is; no algorithm reads it."""
 
-CRAWL_TOPICS: Final[tuple[Topic[Any], ...]] = (CYCLE_TOPIC, PLACE_TOPIC, PROFILE_TOPIC, LOG_TOPIC)
+TRACE_TOPIC: Final = Topic.of("/crawl/torch", TorchTrace)
+"""Where the torch was along a pass, once the way back is done, or it was stopped."""
+
+TORCH_EVENT: Final = "torch"
+"""Name of the event that states the same in words."""
+
+CRAWL_TOPICS: Final[tuple[Topic[Any], ...]] = (
+    *(CYCLE_TOPIC, PLACE_TOPIC, TRACE_TOPIC, PROFILE_TOPIC, LOG_TOPIC),
+)
 """Everything that a crawl records."""
 
 
@@ -168,6 +177,8 @@ class CrawlRecording(RecordingWriter):
         match message:
             case CrawlCycle():
                 self._add_cycle(message)
+            case TorchTrace():
+                self.add(TRACE_TOPIC, message)
             case RunEvent():
                 self.add_event(message)
                 if self._truth is not None and self._cycles:  # a place belongs to a cycle
@@ -218,7 +229,9 @@ def cycle_messages(time: int, cycle: CrawlCycle) -> Iterator[tuple[int, Topic[An
     yield time, CYCLE_TOPIC, cycle
 
 
-def read_crawl(directory: Path) -> Iterator[CrawlCycle | RunEvent | SimulatedPlace]:
+def read_crawl(
+    directory: Path,
+) -> Iterator[CrawlCycle | RunEvent | SimulatedPlace | TorchTrace]:
     """Yield everything that a crawl recorded, in its order, over all its parts.
 
     A cycle has the slip that was recorded last.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Protocol
 
+from tjscan.core.frames import Array
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.vehicle.vehicle import Twist
 
@@ -67,6 +68,19 @@ class FollowingMethod(Protocol):
         float or None
             How far it was off from what was expected, metres, as far as the estimate's own
             uncertainty does not explain it; None if the method can't state that.
+        """
+
+    def keep_state(self) -> None:
+        """Keep what is estimated now, so that it is smoothed by what is measured later."""
+
+    def smoothed_offsets(self) -> tuple[Array, Array]:
+        """Offset of the torch at each kept state, by all that was measured since; then forget them.
+
+        Returns
+        -------
+        offsets, sigmas : ndarray, shape (n,)
+            From the joint, positive to the right, and their standard deviations, metres; n is 0 if
+            the method can't state them.
         """
 
     def set_down_anew(self) -> None:

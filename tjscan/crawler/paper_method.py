@@ -160,6 +160,13 @@ class PaperMethod:
         self._d = d
         self._filter.read(d)
 
+    def keep_state(self) -> None:
+        """The paper smooths nothing."""
+
+    def smoothed_offsets(self) -> tuple[Array, Array]:
+        """None; see `keep_state`."""
+        return np.empty(0), np.empty(0)
+
     @property
     def torch(self) -> TorchEstimate:
         """The estimated place of the torch: d - D tan(theta)."""

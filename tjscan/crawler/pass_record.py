@@ -12,6 +12,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
+from tjscan.crawler.torch_trace import TorchTrace
 
 PASS_END: Final = 0.1
 """Seconds before a pass ends, from which one that was cut off is whole."""
@@ -29,10 +30,13 @@ class PassRecord:
         From where to where the arc burned, along the weld, metres; several after a stop.
     seconds : float
         For which it burned.
-    travel, offset, deviation, sigma : ndarray, shape (n,)
-        While the arc burned: place along the weld, offset of the vehicle from the joint,
-        deviation of the torch from its path, both as estimated, and their standard deviation;
-        metres.
+    travel, offset, sigma : ndarray, shape (n,)
+        While the arc burned: place along the weld, offset of the vehicle from the joint as
+        estimated then, and its standard deviation; metres.
+    torch_travel, torch_off, torch_sigma : ndarray, shape (k,)
+        Places along the weld, how far the torch was to the right of its path there, by a smoother
+        over all that was measured until the way back was done, and its standard deviation, metres;
+        none if the method can't state it.
     read_share : float
         Share of the profiles, while it burned, in which the joint was read.
     true_travel, true_offset, true_deviation, offset_error : ndarray, shape (m,)
@@ -46,8 +50,10 @@ class PassRecord:
     seconds: float
     travel: Array
     offset: Array
-    deviation: Array
     sigma: Array
+    torch_travel: Array
+    torch_off: Array
+    torch_sigma: Array
     read_share: float
     true_travel: Array
     true_offset: Array
@@ -74,9 +80,9 @@ class PassRecord:
         return burned / self.seconds if self.seconds > 0 else 0.0
 
     @property
-    def deviation_max(self) -> float:
-        """Largest deviation, metres."""
-        return float(np.abs(self.deviation).max())
+    def torch_off_max(self) -> float:
+        """Largest distance of the torch from its path, metres; NaN if it is not known."""
+        return float(np.abs(self.torch_off).max()) if len(self.torch_off) else nan
 
     @property
     def stops(self) -> int:
@@ -90,7 +96,9 @@ def root_mean_square(values: Array) -> float:
 
 
 def pass_records(
-    cycles: Iterable[CrawlCycle], places: Iterable[tuple[CrawlCycle, SimulatedPlace]] = ()
+    cycles: Iterable[CrawlCycle],
+    places: Iterable[tuple[CrawlCycle, SimulatedPlace]] = (),
+    traces: Sequence[TorchTrace] = (),
 ) -> tuple[PassRecord, ...]:
     """Records of every pass in which the arc burned, in the order of their numbers.
 
@@ -100,6 +108,8 @@ def pass_records(
         Of the whole crawl, over all its parts.
     places : iterable of (CrawlCycle, SimulatedPlace), optional
         Where a simulated torch truly was, each with the cycle it belongs to.
+    traces : sequence of TorchTrace, optional
+        Where the torch was as measured; several of a pass that was cut short.
     """
     burning: dict[int, list[list[CrawlCycle]]] = {}
     before: list[CrawlCycle] = []
@@ -115,22 +125,29 @@ def pass_records(
             off = right + cycle.torch_y - cycle.path
             row = along, right, off, cycle.torch.offset - right
             truth.setdefault(cycle.number, []).append(row)
-    return tuple(_record_pass(n, burning[n], truth.get(n, [])) for n in sorted(burning))
+    traced = {n: [one for one in traces if one.number == n] for n in burning}
+    return tuple(_record_pass(n, burning[n], traced[n], truth.get(n, [])) for n in sorted(burning))
 
 
 def _record_pass(
-    number: int, arcs: Sequence[Sequence[CrawlCycle]], truth: Sequence[tuple[float, ...]]
+    number: int,
+    arcs: Sequence[Sequence[CrawlCycle]],
+    traces: Sequence[TorchTrace],
+    truth: Sequence[tuple[float, ...]],
 ) -> PassRecord:
     """Record of a pass, each of its arcs after the cycle before it was struck."""
     rows = [
-        (cycle.travel, cycle.torch.offset, cycle.deviation, cycle.torch.sigma, cycle.was_read)
+        (cycle.travel, cycle.torch.offset, cycle.torch.sigma, cycle.was_read)
         for arc in arcs
         for cycle in arc[1:]
     ]
-    travel, offset, deviation, sigma, was_read = np.array(rows, dtype=float).T
+    travel, offset, sigma, was_read = np.array(rows, dtype=float).T
     arc_spans = tuple((arc[0].travel, arc[-1].travel) for arc in arcs)
     seconds = sum(arc[-1].state.time - arc[0].state.time for arc in arcs)
     read_share, known = float(was_read.mean()), np.reshape(truth, (-1, 4)).T
-    return PassRecord(
-        number, arc_spans, seconds, travel, offset, deviation, sigma, read_share, *known
-    )
+    torch = [
+        np.concatenate([np.empty(0), *(getattr(one, name) for one in traces)])
+        for name in ("travel", "off", "sigma")
+    ]
+    estimated = number, arc_spans, seconds, travel, offset, sigma
+    return PassRecord(*estimated, torch[0], torch[1], torch[2], read_share, *known)

@@ -195,6 +195,15 @@ class SlipAwareMethod:
         """Forget where the vehicle is; see `FollowingMethod.set_down_anew`."""
         self._estimator.estimate = self.slip.at_new_start(self._uncertainty)
         self._odometry = OdometryFilter()
+        self._estimator.smoother.restart()
+
+    def keep_state(self) -> None:
+        """Keep the state of now; see `FollowingMethod.keep_state`."""
+        self._estimator.smoother.keep(self.slip.x, self.slip.P)
+
+    def smoothed_offsets(self) -> tuple[Array, Array]:
+        """Offsets at the kept states; see `FollowingMethod.smoothed_offsets`."""
+        return self._estimator.smoother.smooth(SlipStateIndex.OFFSET)
 
     @property
     def torch(self) -> TorchEstimate:

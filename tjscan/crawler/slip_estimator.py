@@ -18,6 +18,7 @@ from annotated_types import Gt, Le
 
 from tjscan.core.frames import Array, ArrayForm
 from tjscan.core.units import MM, MRAD, SettingsTable
+from tjscan.crawler.state_smoother import StateSmoother
 
 
 class SlipStateIndex(IntEnum):
@@ -348,6 +349,8 @@ class SlipEstimator:
     surprise : float
         How far the last reading was off from what was expected, metres, as far as the estimate's
         own uncertainty does not explain it; nothing of it is weighed down.
+    smoother : StateSmoother
+        Which takes in each step.
     """
 
     def __init__(
@@ -358,6 +361,7 @@ class SlipEstimator:
         self._walk_per_metre = np.square(walks)
         self._turns = 0.0
         self.unsteadiness, self.surprise = 1.0, 0.0
+        self.smoother = StateSmoother(STATE_COUNT)
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
     def move(self, odometry: TrackOdometry) -> None:
@@ -365,6 +369,7 @@ class SlipEstimator:
         if odometry.turned_back:
             self._forget_unsteady_slip()
         x, F = propagate_state(self.estimate.x, odometry, self.geometry)
+        self.smoother.add_move(F)
         P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
         changes = self._walk_per_metre * travel + self._added_variances(odometry, float(F[-1, -1]))
@@ -388,6 +393,9 @@ class SlipEstimator:
         x, P = self.estimate.x.copy(), self.estimate.P.copy()
         x[UNSTEADY_STATES], P[UNSTEADY_STATES, :], P[:, UNSTEADY_STATES] = 0.0, 0.0, 0.0
         P[UNSTEADY_STATES, UNSTEADY_STATES] = self._unsteady_variances()
+        kept = np.ones(STATE_COUNT)
+        kept[UNSTEADY_STATES] = 0.0
+        self.smoother.add_move(np.diag(kept))
         self.estimate = SlipEstimate(x, P)
 
     def _match_covariances(self) -> None:
@@ -446,6 +454,7 @@ class SlipEstimator:
         nu = STUDENT_DEGREES_OF_FREEDOM
         variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
         gain = PH / (before + variance)
+        self.smoother.add_reading(H, gain, d - expected, before + variance)
         rest = np.eye(STATE_COUNT) - np.outer(gain, H)
         P = rest @ P @ rest.T + np.outer(gain, gain) * variance
         self.estimate = SlipEstimate(x + gain * (d - expected), P)

@@ -23,6 +23,12 @@ from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 MOST_CHART_POINTS: Final = 2000
 """Of a line in a chart."""
 
+LARGEST_TORCH_OFF: Final = 0.5e-3
+"""Metres beside its path at which a torch is a finding: half of what an arc is stopped at."""
+
+ESTIMATE_LINES: Final = (("estimate", 0.0), ("+ 2 sigma", 2.0), ("- 2 sigma", -2.0))
+"""Lines of a chart of something estimated, and how many standard deviations they are off it."""
+
 SLIP_CHARTS: Final = (
     (SlipStateIndex.YAW_EFFICIENCY, "yaw efficiency", "share of the tracks' turn", 1.0),
     (SlipStateIndex.CRAB, "crab", "crab / mrad", 1e3),
@@ -54,8 +60,9 @@ def _crawl_facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str
         yield (
             f"pass {one.number}",
             f"{1e3 * one.length:.0f} mm in {one.seconds:.0f} s, vehicle "
-            f"{1e3 * root_mean_square(one.offset):.2f} mm off (rms), torch's place known to "
-            f"{1e3 * root_mean_square(one.sigma):.2f} mm, {one.stops} stops, joint read in "
+            f"{1e3 * root_mean_square(one.offset):.2f} mm off (rms), torch "
+            f"{1e3 * root_mean_square(one.torch_off):.2f} mm beside its path, known to "
+            f"{1e3 * root_mean_square(one.torch_sigma):.2f} mm, {one.stops} stops, joint read in "
             f"{100 * one.read_share:.0f} % of profiles",
         )
 
@@ -70,6 +77,13 @@ def _crawl_findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
             yield (
                 f"Pass {one.number} is not whole: {1e3 * one.length:.1f} of "
                 f"{1e3 * job.weld.length:.0f} mm are welded."
+            )
+        if one.torch_off_max > LARGEST_TORCH_OFF:
+            place = 1e3 * one.torch_travel[np.abs(one.torch_off).argmax()]
+            yield (
+                f"In pass {one.number} the torch was {1e3 * one.torch_off_max:.2f} mm beside its "
+                f"path, {place:.0f} mm along the weld: calibrate on this hull, or make the run-up "
+                "longer, and look at the weld there."
             )
     phases = [event.name for event in found.events if event.name in set(Phase)]
     if found.passes and phases[-1] not in (Phase.MANUAL, Phase.STOP):
@@ -87,6 +101,11 @@ def _crawl_findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
 
 def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
     along, beside = "along the weld / mm", "to the right / mm"
+    for one in found.passes:
+        for line, off in ESTIMATE_LINES if len(one.torch_off) else ():
+            y = 1e3 * (one.torch_off + off * one.torch_sigma)
+            title = f"torch beside its path in pass {one.number}, by all that was measured"
+            yield ReportChart(title, along, beside, 1e3 * one.torch_travel, y, line=line)
     for one in found.passes:
         for title, x, y in (
             ("vehicle beside the joint, as estimated", one.travel, one.offset),
@@ -109,6 +128,6 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
     for which, title, label, scale in SLIP_CHARTS if known else ():
         values = np.array([slip.x[which] for _, slip in known])
         sigmas = np.array([slip.sigma(which) for _, slip in known])
-        for line, off in (("estimate", 0.0), ("+ 2 sigma", 2.0), ("- 2 sigma", -2.0)):
+        for line, off in ESTIMATE_LINES:
             y = scale * (values + off * sigmas)
             yield ReportChart(title, "vehicle's clock / s", label, times, y, line=line)

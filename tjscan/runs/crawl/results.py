@@ -15,6 +15,7 @@ from tjscan.core.files import write_files_atomically
 from tjscan.crawler.journal import CRAWL_RECORDING, CrawlCycle, SimulatedPlace, read_crawl
 from tjscan.crawler.pass_record import PassRecord, pass_records, root_mean_square
 from tjscan.crawler.phases import Phase
+from tjscan.crawler.torch_trace import TorchTrace
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
@@ -30,9 +31,9 @@ PASS_COLUMNS: Final[dict[str, Callable[[PassRecord], object]]] = {
     "length_mm": lambda one: f"{1e3 * one.length:.2f}",
     "speed_mm_s": lambda one: f"{1e3 * one.speed:.3f}",
     "vehicle_offset_rms_mm": lambda one: f"{1e3 * root_mean_square(one.offset):.3f}",
-    "deviation_rms_mm": lambda one: f"{1e3 * root_mean_square(one.deviation):.3f}",
-    "deviation_max_mm": lambda one: f"{1e3 * one.deviation_max:.3f}",
-    "sigma_rms_mm": lambda one: f"{1e3 * root_mean_square(one.sigma):.3f}",
+    "torch_off_rms_mm": lambda one: _mm_if_known(root_mean_square(one.torch_off)),
+    "torch_off_max_mm": lambda one: _mm_if_known(one.torch_off_max),
+    "torch_sigma_rms_mm": lambda one: _mm_if_known(root_mean_square(one.torch_sigma)),
     "true_deviation_rms_mm": lambda one: _mm_if_known(root_mean_square(one.true_deviation)),
     "offset_error_rms_mm": lambda one: _mm_if_known(root_mean_square(one.offset_error)),
     "profiles_read_percent": lambda one: f"{100 * one.read_share:.1f}",
@@ -43,6 +44,10 @@ PASS_COLUMNS: Final[dict[str, Callable[[PassRecord], object]]] = {
 
 def _mm_if_known(length: float) -> str:
     return "" if isnan(length) else f"{1e3 * length:.3f}"
+
+
+def _rounded_mm(length: float) -> float | None:
+    return None if isnan(length) else round(1e3 * length, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +92,7 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
     cycles: list[CrawlCycle] = []
     places: list[tuple[CrawlCycle, SimulatedPlace]] = []
     events: list[RunEvent] = []
+    traces: list[TorchTrace] = []
     was_stopped = False
     for entry in read_crawl(directory):
         if isinstance(entry, CrawlCycle):
@@ -96,9 +102,11 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
             events.append(entry)
             if entry.name == Phase.STOP and cycles:
                 was_stopped |= cycles[-1].phase is not Phase.MANUAL
+        elif isinstance(entry, TorchTrace):
+            traces.append(entry)
         elif cycles:
             places.append((cycles[-1], entry))
-    passes = pass_records(cycles, places)
+    passes = pass_records(cycles, places, traces)
     return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(places), was_stopped)
 
 
@@ -160,9 +168,9 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
                 "seconds": round(one.seconds, 2),
                 "length_mm": round(1e3 * one.length, 2),
                 "travel_speed_mm_s": round(1e3 * one.speed, 3),
-                "deviation_rms_mm": round(1e3 * root_mean_square(one.deviation), 3),
-                "deviation_max_mm": round(1e3 * one.deviation_max, 3),
-                "deviation_sigma_mm": round(1e3 * root_mean_square(one.sigma), 3),
+                "torch_off_rms_mm": _rounded_mm(root_mean_square(one.torch_off)),
+                "torch_off_max_mm": _rounded_mm(one.torch_off_max),
+                "torch_sigma_rms_mm": _rounded_mm(root_mean_square(one.torch_sigma)),
                 "stops": one.stops,
             }
             for one in recorded.passes

@@ -26,6 +26,8 @@ from tjscan.crawler.journal import (
     CRAWL_TOPICS,
     CYCLES_TOGETHER,
     SET_DOWN_EVENT,
+    TORCH_EVENT,
+    TRACE_TOPIC,
     WARNING_EVENT,
     CrawlCycle,
     CrawlRecording,
@@ -45,6 +47,7 @@ from tjscan.crawler.slip_calibration import (
     write_slip_calibration,
 )
 from tjscan.crawler.slip_estimator import SlipEstimate, SlipStateIndex
+from tjscan.crawler.torch_trace import TorchTracer
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.foxglove import event_log_message
@@ -423,6 +426,9 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
 REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
 """Keys of what an estimator makes of a crawl, not of how it was done."""
 
+TRACED_PHASES: Final = frozenset({Phase.READY, Phase.MANUAL, Phase.STOP})
+"""Phases at whose beginning it is known where the torch was in the pass before."""
+
 TimedMessage = tuple[int, Topic[Any], Any]
 
 
@@ -489,11 +495,17 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
     `CYCLES_TOGETHER`th of a part that has none.
     """
     time: float | None = None
-    without_slip = 0
+    without_slip, tracer = 0, TorchTracer(method)
     for entry in read_crawl_messages(part):
         cycle = entry.message
         if not isinstance(cycle, CrawlCycle):
-            yield entry.time, entry.topic, cycle
+            is_event = entry.topic is LOG_TOPIC
+            if is_event and cycle.name in TRACED_PHASES and (trace := tracer.finish()) is not None:
+                yield entry.time, TRACE_TOPIC, trace
+                event = event_log_message(entry.time, Log.Level.INFO, TORCH_EVENT, trace.text)
+                yield entry.time, LOG_TOPIC, event
+            if entry.topic is not TRACE_TOPIC and not (is_event and cycle.name == TORCH_EVENT):
+                yield entry.time, entry.topic, cycle
             continue
         if time is None:
             detail = f"estimated anew from {source}; nothing moved"
@@ -507,6 +519,8 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
             method.move(cycle.state.odometry, period, cycle.commanded)
         if cycle.was_read:
             method.read(cycle.d, cycle.d_sigma)
+        if cycle.arc:
+            tracer.add(cycle.number, cycle.travel, cycle.torch_y - cycle.path)
         is_due = cycle.slip is not None or without_slip >= CYCLES_TOGETHER
         slip = method.slip if is_due else None
         without_slip = 1 if slip is not None else without_slip + 1
