@@ -123,10 +123,8 @@ class CombinedModel:
         target : ndarray, shape (m,)
             Parameters of the targets, one after the other.
         """
-        found = [
-            model.linearise(T_f_s, target[self.target_slice(k)])
-            for k, model in enumerate(self.models)
-        ]
+        models = enumerate(self.models)
+        found = [model.linearise(T_f_s, target[self.target_slice(k)]) for k, model in models]
         if self.by_true_pose is None:
             return found
         return [
