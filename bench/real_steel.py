@@ -7,6 +7,7 @@ with one fault a row; the bench casts its own rays (`_sections`) and draws its o
 Every row of a groove has these bars: the share that is read; the share with a corner off by more
 than 1 mm that is stated to better than 0.4 mm; the share of corners that are given to better
 than 0.4 mm, of those that are there; and the mean squared error over stated variance.
+``--quick`` draws fewer profiles a row; ``--first N`` draws them from number N on.
 """
 
 from __future__ import annotations
@@ -348,13 +349,14 @@ def time_rows(count: int) -> list[Row]:
     ]
 
 
-def measure(count: int) -> list[Row]:
+def measure(count: int, first: int) -> list[Row]:
     rows: list[Row] = []
+    numbers = range(first, first + count)
     with ProcessPoolExecutor(max_workers=os.cpu_count()) as pool:
         work = partial(pool.map, chunksize=20)
         faults = (*GROOVES, *NO_GROOVE)
-        waiting = [(f, work(partial(judge, f.name), range(count))) for f in faults]
-        filled = [(f, work(partial(judge_fill, f.name), range(count))) for f in FILLED]
+        waiting = [(f, work(partial(judge, f.name), numbers)) for f in faults]
+        filled = [(f, work(partial(judge_fill, f.name), numbers)) for f in FILLED]
         bounds = work(against_bound, range(count))
         for fault, verdicts in waiting:
             if fault in GROOVES:
@@ -369,5 +371,10 @@ def measure(count: int) -> list[Row]:
 
 if __name__ == "__main__":
     words = [word for word in sys.argv[1:] if word != "--quick"]
+    start = 0
+    if "--first" in words:
+        at = words.index("--first")
+        start = int(words[at + 1])
+        words = words[:at] + words[at + 2 :]
     profiles = FEW if "--quick" in sys.argv else MANY
-    sys.exit(main("grooves on real steel", partial(measure, profiles), words))
+    sys.exit(main("grooves on real steel", partial(measure, profiles, start), words))

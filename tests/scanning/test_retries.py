@@ -84,9 +84,9 @@ def test_no_profile_of_another_place_is_taken_however_old_it_is(back: int) -> No
     assert example_corner_errors(result).max() < TRUE_CORNER
 
 
-@pytest.mark.parametrize(("share", "merges"), [(0.3, False), (0.5, True)])
+@pytest.mark.parametrize(("share", "merges"), [(0.3, False), (0.55, True)])
 def test_points_anywhere_cost_no_section(share: float, merges: bool) -> None:
-    # A third of them is read as it is; of profiles with a half, several are merged.
+    # A third of them is read as it is; of profiles with over a half, several are merged.
     fault = spurious(share, 5)
     result = scan_with(lambda k: fault)
     assert result.stop is StopReason.SECTIONS

@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.refinement import FACE_BLUNTNESS, POINTS_PER_UNDULATION_BLOCK, undulation_sigmas
-from tjscan.groove.settings import GrooveModel
+from tjscan.groove.refinement import POINTS_PER_UNDULATION_BLOCK, undulation_sigmas
+from tjscan.groove.settings import FACE_BLUNTNESS, GrooveModel
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,

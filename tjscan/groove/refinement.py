@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.reflections import LEAST_COLUMNS_OF_HOLE
-from tjscan.groove.settings import SideModel
+from tjscan.groove.settings import FACE_BLUNTNESS, SideModel
 from tjscan.groove.sides import (
     FIXED_WEIGHT,
     LEAST_NOISE,
@@ -72,10 +72,6 @@ FEWEST_SIDE_POINTS: Final = 3
 
 POOLED_NOISE_POINTS: Final = 20
 """A side of few points can't show its own noise: it leans on all by as many points as this."""
-
-FACE_BLUNTNESS: Final = 0.2
-"""Share of its height by which the face of a bead may lie off a parabola: its points are within
-that of the fit."""
 
 OUTER_SIDE_REACH: Final = 3.0
 """Points of a rough or patched outer side lie within so many tolerances of it."""

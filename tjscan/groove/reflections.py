@@ -100,6 +100,11 @@ class PointRuns:
         k = int(self.first.searchsorted(point, side="right")) - 1
         return int(self.first[k]), int(self.first[k] + self.count[k])
 
+    def most_per_point(self) -> Array:
+        """The most that each point pays, shape (n,): as part of a reflection, if its run jumps."""
+        whole = np.minimum(RUN_COST / self.count + POINT_COST, 1.0)
+        return np.where(self.jumps, whole, 1.0).repeat(self.count)
+
     def within(self, start: int, end: int) -> PointRuns:
         """The runs of the points from `start` to before `end`; what is cut off is no reflection."""
         a, b = int(self.first.searchsorted(start, side="right")) - 1, self.first.searchsorted(end)
@@ -217,7 +222,8 @@ def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
     last_a, last_b = len(a.sides) - 2, len(b.sides) - 2
     for k in range(min(last_a, last_b)):
         before_a, before_b = a.sides[last_a - k], b.sides[last_b - k]
-        if a.sides[last_a - k + 1].name != b.sides[last_b - k + 1].name:
+        after_a, after_b = a.sides[last_a - k + 1], b.sides[last_b - k + 1]
+        if after_a.name != after_b.name and not (after_a.bead and after_b.bead):
             break
         if before_a.bead != before_b.bead:
             break

@@ -1,4 +1,4 @@
-"""What a groove looks like, and how it is looked for: templates, settings, budgets of the search.
+"""What a groove looks like, and how it is looked for: templates and settings.
 
 A template has sides and the corners between them. Sides run from the brace's wall (or the first
 plate) to the leg (or the second plate). A turn is positive in a valley and negative on a ridge, as
@@ -121,6 +121,16 @@ _BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
 _LEG_SIDE: Final = SideModel("leg", 4e-3, bend=5.0, twist=10.0)
 _TEE_WALL_TO_LEG_TURN: Final = TurnBounds(radians(8), radians(150))
 
+LEAST_FACE_TURN: Final = radians(15)
+"""By how much the chord of a bead's face turns from the sides before and after it at least: what
+turns by less goes on from them."""
+
+FACE_BLUNTNESS: Final = 0.2
+"""Share of its height by which the face of a bead may lie off a parabola."""
+
+WELD_ROUGHNESS: Final = 0.5e-3
+"""How far beads side by side leave one smooth surface, in metres."""
+
 TEE_TWO_FACETS: Final = GrooveModel(
     "tee with two facets",
     (
@@ -150,7 +160,9 @@ TEE_PARTLY_FILLED: Final = GrooveModel(
         _WALL_SIDE,
         SideModel("bevel", 2e-3, 120e-3, bend=0.25),
         # A narrower one looks like the face of a root.
-        SideModel("weld", 12e-3, 80e-3, bend=30.0, twist=300.0, bead=True, roughness=0.5e-3),
+        SideModel(
+            "weld", 12e-3, 80e-3, bend=30.0, twist=300.0, bead=True, roughness=WELD_ROUGHNESS
+        ),
         _LEG_SIDE,
     ),
     # A flank that turns by less into what is beside it has two facets.
@@ -238,45 +250,3 @@ TOLERANCE_SIGMAS: Final = 4.0
 """The tolerance in expected standard deviations."""
 
 DEFAULT_SETTINGS: Final = GrooveSettings()
-
-
-@dataclass(frozen=True, slots=True)
-class SearchBudget:
-    """Limits of the search for a groove: numbers of hypotheses, pairs and refits.
-
-    Parameters
-    ----------
-    windows : tuple of int
-        Lengths of the windows that propose long sides, in points, each half the one before.
-    gap_cost : float
-        What an outlier costs the stretch of a long side, in points; less where reflections
-        hide most of it.
-    refits : int
-        How often long sides are fitted again before they are judged.
-    kept : int
-        Most segments kept as long sides.
-    pairs : int
-        Most pairs of outer sides tried.
-    proposals : int
-        Most pairs of points that propose a line between outer sides.
-    pool : int
-        Most lines that may be one inner side.
-    """
-
-    windows: tuple[int, ...]
-    gap_cost: float
-    refits: int
-    kept: int
-    pairs: int
-    proposals: int
-    pool: int
-
-
-_COARSE, _FINE = (48, 24), (48, 24, 12, 6)
-
-SEARCH_BUDGETS: Final = (
-    SearchBudget(_COARSE, gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=64, pool=8),
-    SearchBudget(_FINE, gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
-    SearchBudget(_FINE, gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
-)
-"""One after the other, until a groove is read."""

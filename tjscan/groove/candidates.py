@@ -1,0 +1,253 @@
+"""Curves that may be sides of a groove: every piece grown over the pieces that continue it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.frames import Array
+from tjscan.groove.pieces import Pieces, ProjectivePoints
+from tjscan.groove.settings import FACE_BLUNTNESS, WELD_ROUGHNESS
+from tjscan.groove.sides import CubicCurve, Index
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateKind:
+    """Prior knowledge of a candidate side.
+
+    Parameters
+    ----------
+    bend : float
+        Standard deviation of how it bends, in 1/m.
+    unevenness : float
+        How far the steel itself leaves a parabola, in metres.
+    seed_points : int
+        Fewest points of a piece from which it grows; none for a kind that does not grow.
+    range_reach : float
+        How far the points of neighbouring pieces lie off one rough curve through all of them, in
+        metres; zero for a kind that is never rough.
+    """
+
+    bend: float
+    unevenness: float = 0.0
+    seed_points: int = 0
+    range_reach: float = 0.0
+
+
+# A bevel cut by flame is rough; a leg is a pipe cut aslant, which is no parabola.
+CANDIDATE_KINDS: Final = (
+    CandidateKind(0.7, 0.03e-3, 7, 0.12e-3),
+    CandidateKind(5.0, 0.1e-3, 7),
+    CandidateKind(100.0, 0.14e-3, 4),
+    CandidateKind(30.0, range_reach=WELD_ROUGHNESS),
+)
+STRAIGHT, BENT, BEAD, WELD = range(len(CANDIDATE_KINDS))
+"""Kinds of candidates: walls and bevels; legs; faces of a root; welds that fill the groove."""
+
+MOST_CANDIDATES: Final = 48
+"""Most candidates of a kind; those of most points are kept."""
+
+MOST_GROWTH_ROUNDS: Final = 8
+
+CONTINUING_SIGMAS: Final = 2.8
+"""A piece continues a curve if it is off by no more standard deviations."""
+
+SURE_PREDICTION, LEAST_PREDICTION = 0.12e-3, 0.5e-3
+"""Standard deviations of a prediction, in metres, by which every piece that continues a curve is
+taken, and by which the best of them is."""
+
+ROUGH_REACH_SIGMAS: Final = 2.0
+"""How far the points of a rough side lie off it, in standard deviations of its residuals."""
+
+_KIND_BENDS: Final = np.array([kind.bend for kind in CANDIDATE_KINDS])
+_HANKEL_INDEX: Final = np.add.outer(np.arange(3), np.arange(3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateSides:
+    """K curves ``y = a + b u + c u²`` that may be sides.
+
+    Parameters
+    ----------
+    kind : ndarray of int, shape (K,)
+        Which of `CANDIDATE_KINDS`.
+    roughness : ndarray, shape (K,)
+        Root mean square of its points' distances, in metres.
+    coefficients : ndarray, shape (K, 3)
+        a, b and c.
+    first, last : ndarray, shape (K,)
+        Where its pieces begin and end, u.
+    """
+
+    kind: Index
+    roughness: Array
+    coefficients: Array
+    first: Array
+    last: Array
+
+    def heights_and_slopes(self, u: Array) -> tuple[Array, Array]:
+        """Y and dy/du at places u, shape (K, ...)."""
+        a, b, c = self.coefficients.T.reshape(3, -1, *[1] * (u.ndim - 1))
+        return a + u * (b + u * c), b + 2 * u * c
+
+    @property
+    def steepness(self) -> Array:
+        """Of its middle, shape (K,): a difference of y times z, over this, is square to it."""
+        u = 0.5 * (self.first + self.last)
+        y, slope = self.heights_and_slopes(u)
+        return np.hypot(u * slope - y, slope)
+
+    def distances(self, points: ProjectivePoints) -> Array:
+        """Distances of points behind each curve, about, in metres, shape (K, n)."""
+        powers = np.array((np.ones_like(points.u), points.u, points.u**2))
+        off = self.coefficients @ powers
+        off -= points.y
+        off *= points.z
+        off /= self.steepness[:, None]
+        return np.asarray(off)
+
+    def reaches(self, tolerance: float) -> Array:
+        """How far points may lie off each, shape (K,): rough welds and high beads reach farther."""
+        u = np.array((self.first, 0.5 * (self.first + self.last), self.last)).T
+        y, _ = self.heights_and_slopes(u)
+        bow = np.abs(y[:, 1] - 0.5 * (y[:, 0] + y[:, 2])) / (y[:, 1] * self.steepness)
+        farthest = np.where(self.kind == BEAD, FACE_BLUNTNESS * bow, 0.0)
+        farthest[self.kind == WELD] = WELD_ROUGHNESS
+        return np.maximum(np.minimum(ROUGH_REACH_SIGMAS * self.roughness, farthest), tolerance)
+
+    def as_curves(self, chain: list[int]) -> tuple[CubicCurve, ...]:
+        """Some of them, each over its tangent in the middle."""
+        u = 0.5 * (self.first + self.last)[chain]
+        a, b, c = self.coefficients[chain].T
+        y, slope = a + u * (b + u * c), b + 2 * u * c
+        along = u * slope - y
+        steep = np.hypot(along, slope)
+        zero = np.zeros(len(chain))
+        values = -u / y, 1 / y, along / steep, -slope / steep, zero, zero, -c * (y / steep) ** 3
+        return tuple(CubicCurve(*curve) for curve in np.transpose(values).tolist())
+
+
+def propose_candidates(
+    points: ProjectivePoints, pieces: Pieces, inflation: float
+) -> CandidateSides:
+    """Curves through pieces that continue each other, and through neighbours that are rough.
+
+    Parameters
+    ----------
+    points : ProjectivePoints
+    pieces : Pieces
+        Of these points.
+    inflation : float
+        By how much correlation raises the variance of a mean of the noise.
+    """
+    variance = inflation * points.noise**2
+    counts = pieces.stop - pieces.first
+    found: list[tuple[int, NDArray[np.bool_]]] = []
+    for kind, known in enumerate(CANDIDATE_KINDS):
+        members = []
+        if known.seed_points:
+            seeds = np.flatnonzero(counts >= known.seed_points)
+            members.append(_grow_seeds(pieces, seeds, known, variance))
+        if known.range_reach:
+            members.append(_best_ranges(pieces, known, variance))
+        every = np.unique(np.concatenate(members), axis=0)
+        every = every[np.argsort(-(every @ counts), kind="stable")[:MOST_CANDIDATES]]
+        found.append((kind, every))
+    kinds = np.array([kind for kind, _ in found]).repeat([len(m) for _, m in found])
+    member = np.concatenate([m for _, m in found])
+    sums = member @ pieces.moments
+    coefficients, _, error = _fit_sums(sums, _KIND_BENDS[kinds], variance)
+    steep, height = _steepness(sums)
+    first = member.argmax(axis=1)
+    last = member.shape[1] - 1 - member[:, ::-1].argmax(axis=1)
+    return CandidateSides(
+        kinds,
+        np.sqrt(error / (member @ counts)) * height / steep,
+        coefficients,
+        points.u[pieces.first[first]],
+        points.u[pieces.stop[last] - 1],
+    )
+
+
+def _grow_seeds(
+    pieces: Pieces, seeds: Index, known: CandidateKind, variance: float
+) -> NDArray[np.bool_]:
+    """Pieces that continue each of some pieces, shape (m, P), with these."""
+    member = np.zeros((len(seeds), len(pieces.first)), dtype=np.bool_)
+    member[np.arange(len(seeds)), seeds] = True
+    probes, heights = pieces.probes.ravel(), pieces.heights.ravel()
+    steep, _ = _steepness(pieces.moments[seeds])
+    powers = np.array((np.ones_like(probes), probes, probes**2))
+    pairs = (powers[:, None] * powers[None]).reshape(9, -1)
+    # What a difference of y is square to the curve, in metres.
+    scale = 1 / (heights * steep[:, None])
+    counts = (pieces.stop - pieces.first).repeat(2)
+    own = 2 * variance / counts * (heights**2 * scale) ** 2 + known.unevenness**2
+    growing = np.arange(len(seeds))
+    for _ in range(MOST_GROWTH_ROUNDS):
+        now = member[growing]
+        coefficients, inverse, _ = _fit_sums(now @ pieces.moments, known.bend, variance)
+        off = ((coefficients @ powers - heights) * scale[growing]) ** 2
+        doubt = variance * np.maximum(inverse.reshape(-1, 9) @ pairs, 0.0) * scale[growing] ** 2
+        score = off / (doubt + own[growing])
+        score, off, doubt = (v.reshape(*now.shape, 2).max(axis=2) for v in (score, off, doubt))
+        fits = (score < CONTINUING_SIGMAS**2) & ~now
+        added = fits & (doubt < SURE_PREDICTION**2)
+        likely = fits & (np.maximum(doubt, off) < LEAST_PREDICTION**2)
+        best = np.where(likely, score * doubt, np.inf).argmin(axis=1)
+        alone = np.flatnonzero(likely.any(axis=1) & ~added.any(axis=1))
+        added[alone, best[alone]] = True
+        member[growing] |= added
+        growing = growing[added.any(axis=1)]
+        if not len(growing):
+            break
+    return member
+
+
+def _best_ranges(pieces: Pieces, known: CandidateKind, variance: float) -> NDArray[np.bool_]:
+    """Neighbouring pieces that one rough curve explains best, shape (m, P).
+
+    Of all ranges that begin, or end, at the same piece each explains most.
+    """
+    count = len(pieces.first)
+    start, stop = np.triu_indices(count + 1, 1)
+    through = np.concatenate((np.zeros((1, 9)), pieces.moments.cumsum(axis=0)))
+    sums = through[stop] - through[start]
+    _, _, error = _fit_sums(sums, known.bend, variance)
+    steep, height = _steepness(sums)
+    points = np.concatenate(([0], (pieces.stop - pieces.first).cumsum()))
+    gain = np.full((count, count + 1), -np.inf)
+    gain[start, stop] = points[stop] - points[start]
+    gain[start, stop] -= error * (height / steep / known.range_reach) ** 2
+    best = (gain == gain.max(axis=0)) & (gain == gain.max(axis=1)[:, None]) & (gain > 0)
+    start, stop = best.nonzero()
+    index = np.arange(count)
+    member: NDArray[np.bool_] = (start[:, None] <= index) & (index < stop[:, None])
+    return member
+
+
+def _steepness(sums: Array) -> tuple[Array, Array]:
+    """How steep the line through some points is, and its height y, from their moments, (m,)."""
+    w, a, b, c, d = sums.T[[0, 1, 2, 5, 6]]
+    u, y = a / w, c / w
+    slope = (d - u * c) / np.maximum(b - u * a, 1e-18)
+    return np.hypot(u * slope - y, slope), y
+
+
+def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array, Array, Array]:
+    """Fit parabolas to points of given moments, shape (K, 9).
+
+    Coefficients, shape (K, 3), inverse normal matrices, shape (K, 3, 3), and squared errors of
+    depth, (K,).
+    """
+    steep, height = _steepness(sums)
+    normal = sums[:, _HANKEL_INDEX]
+    # A bend of c2 metres per square metre is c2 (steep / y)³ in (u, y).
+    normal[:, 2, 2] += variance * (height / steep) ** 6 / bend**2
+    inverse = np.asarray(np.linalg.inv(normal), dtype=float)
+    coefficients = (inverse @ sums[:, 5:8, None])[..., 0]
+    error = sums[:, 8] - (coefficients * sums[:, 5:8]).sum(axis=1)
+    return coefficients, inverse, np.maximum(error, 0.0)

@@ -1,0 +1,257 @@
+"""The cheapest chains of candidates that a groove's form allows, exactly.
+
+Each point pays, up to a limit, for its distance to the side that its ray would hit: before its
+start and after its end a side counts for nothing. That cost is a sum over corners, so the cheapest
+of all chains, and every rival to it, follow by dynamic programming over pairs of neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.frames import Array
+from tjscan.groove.candidates import (
+    BEAD,
+    BENT,
+    CANDIDATE_KINDS,
+    STRAIGHT,
+    WELD,
+    CandidateSides,
+)
+from tjscan.groove.pieces import ProjectivePoints
+from tjscan.groove.reflections import PointRuns
+from tjscan.groove.settings import (
+    LEAST_FACE_TURN,
+    GrooveModel,
+    SideModel,
+)
+from tjscan.groove.sides import Index, Polyline
+
+FEWEST_INNER_POINTS: Final = 2.8
+"""Points that must support an inner side: four that lie near it."""
+
+FEWEST_OUTER_POINTS: Final = 8
+"""Points that must support the first side and the last."""
+
+LEAST_SUPPORT_SHARE: Final = 0.12
+"""Share of a side's points that must support it."""
+
+LEAST_DISTANCE_OF_RIVALS: Final = 1e-3
+"""Chains that differ less than this at every corner are the same one, in metres."""
+
+MOST_CHAINS_COMPARED: Final = 150
+"""Most chains of which the distinct ones are sought."""
+
+RIVAL_COST_MARGIN: Final = 12.0
+"""By how many outliers a chain may be dearer than the cheapest and still be looked at."""
+
+CORNER_DISTANCE_BEYOND_POINTS: Final = 30e-3
+"""How far a corner may lie outside all points, in metres."""
+
+SIDE_LENGTH_SLACK: Final = 0.8
+"""A side may be shorter than the model's shortest, or longer than its longest, by this factor."""
+
+WIDER_TOLERANCE_COST: Final = 0.3
+"""What each point costs a side that reaches farther, times the logarithm of how much farther."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Corners:
+    """Corners of every candidate with every other, shape (K, K, ...).
+
+    Parameters
+    ----------
+    x, z : ndarray
+        In metres.
+    place : ndarray of int
+        First point behind each.
+    before, after : ndarray
+        Directions in which the first candidate and the second go on there, in radians, from the
+        wall to the leg and rising with depth; NaN if they do not meet.
+    """
+
+    x: Array
+    z: Array
+    place: Index
+    before: Array
+    after: Array
+
+
+class SideChain(NamedTuple):
+    """Candidates for the sides of a groove, in their order.
+
+    Parameters
+    ----------
+    cost : float
+        What all points pay, in outliers.
+    sides : list of int
+        Numbers of the candidates.
+    corners : ndarray, shape (k - 1, 2)
+        Where neighbours meet, x and z in metres.
+    """
+
+    cost: float
+    sides: list[int]
+    corners: Array
+
+
+class ChainSearch:
+    """A profile's candidates, what its points pay for them, and the corners between them.
+
+    Parameters
+    ----------
+    points : ProjectivePoints
+    candidates : CandidateSides
+        Of K curves.
+    runs : PointRuns
+        Of these points.
+    tolerance : float
+        Distance at which a point stops supporting a side, in metres.
+    """
+
+    def __init__(
+        self,
+        points: ProjectivePoints,
+        candidates: CandidateSides,
+        runs: PointRuns,
+        tolerance: float,
+    ) -> None:
+        self.candidates = candidates
+        reach = candidates.reaches(tolerance)
+        scaled = candidates.distances(points) / reach[:, None]
+        paid = np.minimum(
+            scaled * scaled + WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None], 1
+        )
+        self._runs, self._costs = runs, paid
+        support = _running_sums(1 - paid)
+        # No chain costs less than if every run that jumps off the surface were a reflection.
+        least = _running_sums(paid * runs.most_per_point())
+        self._corners = _intersect_candidates(points, candidates)
+        own = np.arange(len(reach))
+        before, after = (own[:, None], self._corners.place), (own, self._corners.place)
+        self._support_before, self._support_after = support[before], support[after]
+        left, behind = support[:, -1] - self._support_after, paid.shape[1] - self._corners.place
+        self._begins = self._support_before >= np.maximum(
+            LEAST_SUPPORT_SHARE * self._corners.place, FEWEST_OUTER_POINTS
+        )
+        self._ends = left >= np.maximum(LEAST_SUPPORT_SHARE * behind, FEWEST_OUTER_POINTS)
+        self._pay = least[before] - least[after]
+        self._total = least[:, -1]
+        self._kinds = [np.flatnonzero(candidates.kind == k) for k in range(len(CANDIDATE_KINDS))]
+
+    def cheapest_chains(self, model: GrooveModel, most: int) -> list[SideChain]:
+        """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
+        layers = [
+            np.concatenate([self._kinds[k] for k in kinds]) for kinds in kinds_of_sides(model)
+        ]
+        joints = []
+        for i, bounds in enumerate(model.turns):
+            pair = layers[i][:, None], layers[i + 1]
+            turn = self._corners.before[pair] - self._corners.after[pair]
+            allowed = (turn >= bounds.least) & (turn <= bounds.most)
+            if i == 0:
+                allowed &= self._begins[pair]
+            if i == len(model.turns) - 1:
+                allowed &= self._ends[pair]
+            if not allowed.any():
+                return []
+            joints.append(np.where(allowed, self._pay[pair], np.inf))
+        value, choices = joints[0], []
+        for k, side in enumerate(model.sides[1:-1], 1):
+            fits = self._fits_between(layers[k - 1 : k + 2], side)
+            total = np.where(fits, value[:, :, None], np.inf) + joints[k]
+            if k < len(joints) - 1:
+                choices.append(total.argmin(axis=0))
+                value = total.min(axis=0)
+        total += self._total[layers[-1]]
+        costs = total.ravel()
+        likely = np.flatnonzero(costs < np.inf)
+        found: list[SideChain] = []
+        dearest = np.inf
+        for flat in likely[np.argsort(costs[likely])[:MOST_CHAINS_COMPARED]].tolist():
+            if costs[flat] > dearest:
+                break
+            chain = [int(i) for i in np.unravel_index(flat, total.shape)]
+            for choice in reversed(choices):
+                chain.insert(0, int(choice[chain[0], chain[1]]))
+            own = [int(layer[i]) for layer, i in zip(layers, chain, strict=True)]
+            xz = self._corners.x[own[:-1], own[1:]], self._corners.z[own[:-1], own[1:]]
+            corners = np.array(xz).T
+            if all(np.abs(corners - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
+                found.append(SideChain(self._exact_cost(own), own, corners))
+                dearest = min(dearest, found[-1].cost + RIVAL_COST_MARGIN)
+        return sorted(found, key=lambda chain: chain.cost)[:most]
+
+    def as_polyline(self, chain: SideChain) -> Polyline:
+        """The curves of a chain."""
+        return Polyline(self.candidates.as_curves(chain.sides), chain.corners, chain.cost)
+
+    def _exact_cost(self, chain: list[int]) -> float:
+        """What all points pay if only runs that lie off the chain as a whole are reflections."""
+        places = self._corners.place[chain[:-1], chain[1:]].tolist()
+        bounds = zip((0, *places), (*places, self._costs.shape[1]), strict=True)
+        costs = [self._costs[k, a:b] for k, (a, b) in zip(chain, bounds, strict=True)]
+        return float(self._runs.total_cost(np.concatenate(costs)))
+
+    def _fits_between(self, layers: list[Index], side: SideModel) -> NDArray[np.bool_]:
+        """Whether a candidate fits between two neighbours as such a side, shape (m1, m2, m3)."""
+        a, b, c = layers
+        before, after, corners = (a[:, None], b), (b[:, None], c), self._corners
+        span = corners.place[after] - corners.place[before][:, :, None]
+        support = self._support_before[after] - self._support_after[before][:, :, None]
+        x = corners.x[after] - corners.x[before][:, :, None]
+        z = corners.z[after] - corners.z[before][:, :, None]
+        square = x * x + z * z
+        fits = (
+            (span > 0) & (support >= LEAST_SUPPORT_SHARE * span) & (support >= FEWEST_INNER_POINTS)
+        )
+        fits &= square > (SIDE_LENGTH_SLACK * side.shortest) ** 2
+        fits &= square < (side.longest / SIDE_LENGTH_SLACK) ** 2
+        if side.bead:
+            chord = np.arctan2(z, -x)
+            fits &= corners.before[before][:, :, None] - chord > LEAST_FACE_TURN
+            fits &= chord - corners.after[after] > LEAST_FACE_TURN
+        return np.asarray(fits)
+
+
+def kinds_of_sides(model: GrooveModel) -> list[tuple[int, ...]]:
+    """Which kinds each side may be of; the face of a bead may as well be straight."""
+    kinds: list[tuple[int, ...]] = []
+    for side in model.sides:
+        bent = BENT if side.bend > 2 * CANDIDATE_KINDS[STRAIGHT].bend else STRAIGHT
+        kinds.append(((WELD,) if side.roughness else (STRAIGHT, BEAD)) if side.bead else (bent,))
+    return kinds
+
+
+def _running_sums(values: Array) -> Array:
+    """Sums of the first 0, 1, 2 … values of each row, shape (m, n) to (m, n + 1)."""
+    sums = np.zeros((len(values), values.shape[1] + 1))
+    np.cumsum(values, axis=1, out=sums[:, 1:])
+    return sums
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
+def _intersect_candidates(points: ProjectivePoints, candidates: CandidateSides) -> _Corners:
+    """Where every candidate meets every other, behind the end of the one before; NaN if nowhere."""
+    a, b, c = (v[:, None] - v[None] for v in candidates.coefficients.T)
+    # The root next to where one ends and the other begins.
+    middle = 0.5 * (candidates.last[:, None] + candidates.first[None])
+    a, b = a + middle * (b + middle * c), b + 2 * middle * c
+    root = np.sqrt(b * b - 4 * a * c)
+    u = middle - 2 * a / (b + np.copysign(root, b))
+    own_a, own_b, own_c = candidates.coefficients.T[:, :, None]
+    y, slope = own_a + u * (own_b + u * own_c), own_b + 2 * u * own_c
+    other_slope = candidates.coefficients[:, 1] + 2 * u * candidates.coefficients[:, 2]
+    tx, tz, rx, rz = u * slope - y, -slope, u * other_slope - y, -other_slope
+    before, after = np.arctan2(tz, -tx), np.arctan2(rz, -rx)
+    z, spread = 1 / y, CORNER_DISTANCE_BEYOND_POINTS
+    x = -u * z
+    inside = y > 0
+    for value, seen in ((x, points.u * -points.z), (z, points.z)):
+        inside &= (value > seen.min() - spread) & (value < seen.max() + spread)
+    before[~inside] = np.nan
+    return _Corners(x, z, points.u.searchsorted(u), before, after)

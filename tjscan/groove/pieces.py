@@ -1,0 +1,194 @@
+"""A profile in pieces: the most probable division of its points into straight lines.
+
+In ``(u, y) = (-x / z, 1 / z)`` a line of the plane is a line and a ray is vertical. So what noise
+and reflections do to a point changes its y alone, sums over points give a line's squared error,
+and the best of all divisions follows by dynamic programming over small blocks of points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.groove.reflections import PointRuns
+from tjscan.groove.sides import LEAST_NOISE, Index, OrderedProfilePoints
+
+POINTS_PER_BLOCK: Final = 3
+"""Points of a block, which is not divided; more if a profile has more points."""
+
+MOST_BLOCKS: Final = 220
+"""About how many blocks of a profile are looked at: the time grows with their square."""
+
+LONGEST_PIECE_BLOCKS: Final = 48
+"""Longer pieces are divided: what they show together their candidate shows."""
+
+FEWEST_RUN_POINTS: Final = 3
+"""Shorter runs of points that jump off the surface are in no piece."""
+
+PIECE_COST: Final = 7.0
+"""What a piece costs, in nats: BIC's penalty for a line and its end among 150 blocks."""
+
+LEAST_UNEVENNESS: Final = 0.01e-3
+"""How far the steel of a straight piece leaves its line, in metres."""
+
+NOISE_LAGS: Final = (1, 4)
+"""Points between those whose second differences show the noise."""
+
+QUIET_QUANTILE: Final = 0.25
+"""The quietest points show the noise: rims of reflections and patches make the others."""
+
+LEAST_DIFFERENCE: Final = 1e-8  # metres: less is rounding of numbers
+QUIET_QUANTILE_OF_NORMAL: Final = 0.3186  # of the size of a normal variable of variance 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProjectivePoints:
+    """The n points of a row in (u, y); a difference of y times z² is one of depth, in metres.
+
+    Parameters
+    ----------
+    u, y : ndarray, shape (n,)
+        -x / z, rising, and 1 / z, in 1/m.
+    z : ndarray, shape (n,)
+        Depth, in metres.
+    noise : float
+        Standard deviation of a point's depth, in metres.
+    """
+
+    u: Array
+    y: Array
+    z: Array
+    noise: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pieces:
+    """P straight pieces of a profile.
+
+    Parameters
+    ----------
+    first, stop : ndarray of int, shape (P,)
+        First point of each, and the one after its last.
+    moments : ndarray, shape (P, 9)
+        Sums of z⁴ times 1, u … u⁴, y, u y, u² y and y² over its points.
+    probes, heights : ndarray, shape (P, 2)
+        Two places u that stand for its points, and y of its line there.
+    """
+
+    first: Index
+    stop: Index
+    moments: Array
+    probes: Array
+    heights: Array
+
+
+def project_points(row: OrderedProfilePoints, largest_noise: float) -> ProjectivePoints:
+    """Points in (u, y), and their noise, from second differences of the quietest points.
+
+    Parameters
+    ----------
+    row : OrderedProfilePoints
+    largest_noise : float
+        In metres; what is rougher is shape.
+    """
+    z = row.points[:, 1]
+    u, y = row.tangents, 1 / z
+    sigmas = [LEAST_NOISE]
+    for lag in NOISE_LAGS:
+        before, own, after = slice(-2 * lag), slice(lag, -lag), slice(2 * lag, None)
+        share = (u[own] - u[before]) / np.maximum(u[after] - u[before], 1e-9)
+        off = np.abs(y[own] - (1 - share) * y[before] - share * y[after]) * z[own] ** 2
+        size = off / np.sqrt(1 + share**2 + (1 - share) ** 2)
+        # A sensor that rounds shows no difference where it is finer than its steps.
+        size = size[size > LEAST_DIFFERENCE]
+        if len(size):
+            sigmas.append(float(np.quantile(size, QUIET_QUANTILE)) / QUIET_QUANTILE_OF_NORMAL)
+    return ProjectivePoints(u, y, z, min(max(sigmas), largest_noise))
+
+
+def moments_of_points(points: ProjectivePoints) -> Array:
+    """What each point adds to the moments of its piece, shape (9, n)."""
+    terms = np.empty((9, len(points.u)))
+    np.power(points.z, 4, out=terms[0])
+    for k in range(4):
+        np.multiply(terms[k], points.u, out=terms[k + 1])
+    np.multiply(terms[:3], points.y, out=terms[5:8])
+    np.multiply(terms[5], points.y, out=terms[8])
+    return terms
+
+
+def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> Pieces:
+    """Divide a profile into the straight pieces that together explain it best.
+
+    Parameters
+    ----------
+    points : ProjectivePoints
+    runs : PointRuns
+        Of the same points; no piece goes on where neighbours jump.
+    inflation : float
+        By how much correlation raises the variance of a mean of the noise.
+    """
+    first, stop = _divide_runs_in_blocks(runs, len(points.u))
+    sums = np.zeros((9, len(points.u) + 1))
+    terms = moments_of_points(points)
+    np.cumsum(terms, axis=1, out=sums[:, 1:])
+    sums = np.array(sums[:, stop] - sums[:, first])
+    through = np.concatenate((np.zeros((9, 1)), sums.cumsum(axis=1)), axis=1)
+    costs = _costs_of_lines(through, 2 * inflation * (points.noise**2 + LEAST_UNEVENNESS**2))
+    count, longest = len(first), costs.shape[1]
+    # What the first j blocks cost at least, after as many that never are.
+    least = np.concatenate((np.full(longest, np.inf), np.zeros(count + 1)))
+    best_start = [0] * (count + 1)
+    for j in range(1, count + 1):
+        total = least[j : j + longest] + costs[j - 1]
+        i = int(total.argmin())
+        least[longest + j] = total[i]
+        best_start[j] = j - longest + i
+    bounds = [count]
+    while bounds[-1]:
+        bounds.append(best_start[bounds[-1]])
+    edges = np.array(bounds[::-1])
+    moments = through[:, edges[1:]] - through[:, edges[:-1]]
+    w, a, b, c, d = moments[[0, 1, 2, 5, 6]]
+    middle = a / w
+    spread = np.sqrt(np.maximum(b / w - middle**2, 1e-18))
+    slope = (d - a * c / w) / (w * spread**2)
+    # Two places as far from the middle as the points are: they stand for all of them.
+    probes = middle[:, None] + spread[:, None] * np.array((-1.0, 1.0))
+    heights = (c / w)[:, None] + slope[:, None] * (probes - middle[:, None])
+    return Pieces(first[edges[:-1]], stop[edges[1:] - 1], moments.T, probes, heights)
+
+
+def _divide_runs_in_blocks(runs: PointRuns, points: int) -> tuple[Index, Index]:
+    """First point of each block, and the one after its last."""
+    size = max(POINTS_PER_BLOCK, points // MOST_BLOCKS)
+    long = runs.count >= FEWEST_RUN_POINTS
+    start, count = runs.first[long], runs.count[long]
+    blocks = np.maximum(count // size, 1)
+    ends = blocks.cumsum()
+    step = np.arange(ends[-1]) - (ends - blocks).repeat(blocks)
+    start, count, blocks = (v.repeat(blocks) for v in (start, count, blocks))
+    return start + step * count // blocks, start + (step + 1) * count // blocks
+
+
+def _costs_of_lines(through: Array, variance: float) -> Array:
+    """What a line costs, in nats, at [j - 1, l] if its points are blocks j - longest + l to j.
+
+    `variance` is twice that of a point, in m², inflated by correlation.
+    """
+    sums = through[[0, 1, 2, 5, 6, 8]]
+    before = np.pad(sums[:, :-1], ((0, 0), (LONGEST_PIECE_BLOCKS - 1, 0)))
+    starts = np.lib.stride_tricks.sliding_window_view(before, LONGEST_PIECE_BLOCKS, axis=1)
+    w, a, b, c, d, e = sums[:, 1:, None] - starts
+    a /= w
+    b -= a * a * w
+    np.maximum(b, 1e-15, out=b)
+    d -= a * c
+    e -= c * c / w + d * d / b
+    np.maximum(e, 0, out=e)
+    e /= variance
+    e += PIECE_COST
+    return np.asarray(e)
