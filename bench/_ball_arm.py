@@ -15,7 +15,7 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets.ball import SphereModel, SphereTarget
 from tjscan.core.frames import Array, pose
 from tjscan.laser.model import MeasuringRange
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
@@ -74,7 +74,7 @@ class BallArm:
         """Draw an arm as its maker leaves it."""
         rng = np.random.default_rng(seed)
         deviations = PlacementTolerance().sigmas * rng.standard_normal((6, 6))
-        return cls(with_deviations(kinematics(), deviations), rng)
+        return cls(deviate_joint_frames(kinematics(), deviations), rng)
 
     def seen(self, chosen: list[PlannedView]) -> ArmModel:
         """Arcs of the ball: the circle in which the laser plane cuts it, with noise."""
@@ -114,7 +114,7 @@ def posture_errors(arm: BallArm) -> tuple[float, float, float, float]:
     held_out = np.array([view.held_out for view in views()])
     found = calibrate_arm(arm.seen(list(views())), held_out, PlacementTolerance(), T_F_S)
     true = _places(arm.true, T_F_S)
-    calibrated = with_deviations(kinematics(), found.estimate.deviations)
+    calibrated = deviate_joint_frames(kinematics(), found.estimate.deviations)
     return (
         _off(_places(kinematics(), T_F_S), true),
         _off(_places(calibrated, found.estimate.T_f_s), true),

@@ -18,7 +18,7 @@ from tjscan.calibration.targets.roof import SeenRoof
 from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
@@ -86,7 +86,7 @@ class MistakeMaker:
 
     def arm(self, rng: np.random.Generator) -> Kinematics:
         """An arm as its maker's calibration leaves it."""
-        return with_deviations(
+        return deviate_joint_frames(
             self.nominal, PlacementTolerance().sigmas * rng.standard_normal((6, 6))
         )
 

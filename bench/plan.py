@@ -41,7 +41,7 @@ from tjscan.core.frames import Array
 from tjscan.joint.file import read_joint
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.lay import ArrangedGroove
-from tjscan.planning.path import chord_error_and_kink, stations_at, template_at
+from tjscan.planning.path import chord_error_and_kink, cut_groove_stations, map_template_onto
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.shapes import sort_sections_by_azimuth
@@ -70,7 +70,9 @@ def area_errors(edges: GrooveEdges, s: Array) -> Array:
     """Of the planned section against the designed one, as shares of it."""
     p3 = edges.corners(s)[:, 0]
     phi = np.arctan2(p3[:, 1], p3[:, 0])
-    return template_at(stations_at(edges, s), 0.0).area / designed_areas(JOINT, phi) - 1
+    return (
+        map_template_onto(cut_groove_stations(edges, s), 0.0).area / designed_areas(JOINT, phi) - 1
+    )
 
 
 def many_area_errors(edges: GrooveEdges) -> Array:

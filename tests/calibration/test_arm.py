@@ -24,7 +24,7 @@ from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.pose_vector import boxminus, boxplus
 from tjscan.laser.model import MeasuringRange
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
@@ -36,7 +36,7 @@ AHEAD_S = np.array((0.0, 0.0, 0.24, 1.0))
 
 def drawn(seed: int) -> Kinematics:
     deviations = SIGMAS * np.random.default_rng(seed).standard_normal((6, 6))
-    return with_deviations(kinematics(), deviations)
+    return deviate_joint_frames(kinematics(), deviations)
 
 
 def calibrated(seed: int, poses: int = 44) -> ArmCalibration:
@@ -66,7 +66,7 @@ def test_without_noise_what_shows_is_found_again() -> None:
     model = observe(true, postures(40, rng), rng, share=0.0)
     loose = 30 * SIGMAS  # next to no prior: it would pull
     found = estimate_deviations(model, loose, GUESS)
-    arm = with_deviations(kinematics(), found.deviations)
+    arm = deviate_joint_frames(kinematics(), found.deviations)
     assert off(arm, found.T_f_s, true, postures(30, rng)) < 1e-6
 
 
@@ -76,7 +76,7 @@ def test_a_calibrated_arm_is_three_times_better_where_it_was_not_calibrated() ->
     before, after = [], []
     for seed in range(3):
         found, true = calibrated_once(seed), drawn(seed)
-        arm = with_deviations(kinematics(), found.estimate.deviations)
+        arm = deviate_joint_frames(kinematics(), found.estimate.deviations)
         before.append(off(kinematics(), T_F_S, true, anywhere))
         after.append(off(arm, found.estimate.T_f_s, true, anywhere))
     assert np.mean(before) > 3 * np.mean(after)
@@ -142,7 +142,7 @@ def test_lines_on_boards_at_three_places_tell_of_the_arm_too() -> None:
     seen = [lines_on(board, true, rng) for board in places]
     found = estimate_deviations(ArmModel(kinematics(), tuple(seen)), SIGMAS, GUESS)
     anywhere = rng.uniform(-np.pi, np.pi, (60, 6))
-    arm = with_deviations(kinematics(), found.deviations)
+    arm = deviate_joint_frames(kinematics(), found.deviations)
     before = off(kinematics(), T_F_S, true, anywhere)
     assert off(arm, found.T_f_s, true, anywhere) < 0.7 * before
 

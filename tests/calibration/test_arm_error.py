@@ -28,7 +28,7 @@ from tjscan.calibration.targets.plane import SeenBoard, fit_plane
 from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.frames import Array, pose, skew_matrix
 from tjscan.core.pose_vector import boxminus, boxplus
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
@@ -100,7 +100,7 @@ def test_a_known_arm_moves_as_its_deviations_move_it() -> None:
     arm, rng = Kinematics.load("ur10e"), np.random.default_rng(3)
     q, off = rng.uniform(-2, 2, 6), 1e-6 * rng.standard_normal((6, 6))
     size = off / PlacementTolerance().sigmas
-    moved = boxminus(with_deviations(arm, off).forward(q), arm.forward(q))
+    moved = boxminus(deviate_joint_frames(arm, off).forward(q), arm.forward(q))
     # The maker's tolerance leaves 0.40 mm RMS, all directions together: so many metres each.
     np.testing.assert_allclose(
         ArmGeometryDeviation(arm).moves(q) @ size.ravel() * 0.232e-3, moved, rtol=0.01, atol=1e-9

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.file import read_calibration
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.settings import PlacementTolerance
 
 POSES = 30
@@ -23,7 +23,7 @@ def write(folder: Path, q_stated: Array | None = None) -> tuple[Path, Path]:
     """Arcs of a ball seen by an arm that deviates, its poses as its model has them."""
     rng = np.random.default_rng(2)
     deviations = PlacementTolerance().sigmas * rng.standard_normal((6, 6))
-    true, q = with_deviations(kinematics(), deviations), postures(POSES, rng)
+    true, q = deviate_joint_frames(kinematics(), deviations), postures(POSES, rng)
     lines, poses = (
         ["profile,x_mm,z_mm"],
         ["x_mm,y_mm,z_mm,qx,qy,qz,qw,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"],

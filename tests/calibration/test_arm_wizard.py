@@ -12,7 +12,7 @@ from command import tjscan
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
 from tjscan.job.files import read_calibration_job, read_scan_job
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.calibration.run import resume_calibration, start_calibration
 from tjscan.runs.scan.run import ScanContext
@@ -81,7 +81,7 @@ def test_a_scan_that_takes_it_reports_poses_by_what_was_found(
     paper = EXAMPLES / "paper.toml"
     found = read_calibration(file).kinematics
     assert found is not None
-    arm = with_deviations(Kinematics.load("ur10e"), found.deviations_si)
+    arm = deviate_joint_frames(Kinematics.load("ur10e"), found.deviations_si)
     job = read_scan_job(paper, {"calibration.file": str(file)})
     with ScanContext(job, paper).make_cell() as cell:
         state = cell.arm.state()

@@ -14,7 +14,12 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.planning.document import beads_to_csv, plan_document, read_beads_csv
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges, root_along_sections
-from tjscan.planning.path import LARGEST_KINK, LONGEST_STATION_STEP, stations_at, template_at
+from tjscan.planning.path import (
+    LARGEST_KINK,
+    LONGEST_STATION_STEP,
+    cut_groove_stations,
+    map_template_onto,
+)
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.weldx_file import write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
@@ -222,7 +227,9 @@ def test_over_a_weld_the_measured_area_is_filled(share: float) -> None:
     straight = fit_groove_edges(measured(10, {}), 31e-3)
     welded = dict.fromkeys(range(10), "weld in the groove")
     bulged = fit_groove_edges(measured(10, welded, share), 31e-3)
-    areas = [template_at(stations_at(edges, s), 0.0).area for edges in (straight, bulged)]
+    areas = [
+        map_template_onto(cut_groove_stations(edges, s), 0.0).area for edges in (straight, bulged)
+    ]
     np.testing.assert_allclose(areas[1], share * areas[0], rtol=2e-3)
 
 

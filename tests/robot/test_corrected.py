@@ -8,7 +8,7 @@ import numpy as np
 
 from tjscan.core.frames import Array, pose, rotation_angle_between
 from tjscan.robot.arm import Arm
-from tjscan.robot.deviations import CorrectedArm, with_deviations
+from tjscan.robot.deviations import CorrectedArm, deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
@@ -26,7 +26,9 @@ def kinematics() -> Kinematics:
 @cache
 def true_kinematics() -> Kinematics:
     rng = np.random.default_rng(3)
-    return with_deviations(kinematics(), PlacementTolerance().sigmas * rng.standard_normal((6, 6)))
+    return deviate_joint_frames(
+        kinematics(), PlacementTolerance().sigmas * rng.standard_normal((6, 6))
+    )
 
 
 def true_arm() -> SimulatedArm:
@@ -56,7 +58,7 @@ def test_with_the_true_deviations_it_stands_where_it_is_told_and_says_so() -> No
 
 def test_a_controller_that_knows_its_own_calibration_is_corrected_alike() -> None:
     # The deviations were found on top of what this controller reads.
-    own = with_deviations(kinematics(), np.full((6, 6), 2e-4))
+    own = deviate_joint_frames(kinematics(), np.full((6, 6), 2e-4))
     inner = SimulatedArm(own, WELL, repeatability=(0, 0))
     arm = CorrectedArm(inner, kinematics(), true_kinematics())
     with arm:

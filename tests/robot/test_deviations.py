@@ -9,7 +9,11 @@ import pytest
 
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.core.pose_vector import boxminus
-from tjscan.robot.deviations import deviation_jacobian, deviations_of_longer_links, with_deviations
+from tjscan.robot.deviations import (
+    deviate_joint_frames,
+    deviation_jacobian,
+    deviations_of_longer_links,
+)
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import ArmErrorSettings, PlacementTolerance
 from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
@@ -37,7 +41,7 @@ def test_the_jacobian_is_the_derivative_of_the_forward_kinematics(model: str) ->
         for k in range(6):
             deviations = np.zeros((6, 6))
             deviations[joint, k] = STEP
-            moved = inverse_pose(arm.forward(q)) @ with_deviations(arm, deviations).forward(q)
+            moved = inverse_pose(arm.forward(q)) @ deviate_joint_frames(arm, deviations).forward(q)
             np.testing.assert_allclose(
                 boxminus(moved, np.eye(4)) / STEP, J[:, joint, k], rtol=0, atol=1e-5
             )
@@ -48,7 +52,7 @@ def test_an_offset_is_a_turn_of_the_joint() -> None:
     deviations = np.zeros((6, 6))
     deviations[:, 5] = offsets
     np.testing.assert_allclose(
-        with_deviations(kinematics(), deviations).forward(q),
+        deviate_joint_frames(kinematics(), deviations).forward(q),
         kinematics().forward(q + offsets),
         rtol=0,
         atol=1e-14,
@@ -62,7 +66,7 @@ def last_joint(T_b_f: Array) -> Array:
 
 def test_growth_lengthens_every_link_alike() -> None:
     arm, q = kinematics(), posture(3)
-    grown = with_deviations(arm, 0.01 * deviations_of_longer_links(arm)).forward(q)
+    grown = deviate_joint_frames(arm, 0.01 * deviations_of_longer_links(arm)).forward(q)
     cold = arm.forward(q)
     np.testing.assert_allclose(last_joint(grown), 1.01 * last_joint(cold), rtol=0, atol=1e-14)
     assert rotation_angle_between(grown, cold) < 1e-7
@@ -70,7 +74,9 @@ def test_growth_lengthens_every_link_alike() -> None:
 
 def test_a_deviating_arm_is_solved_as_the_model_is() -> None:
     rng = np.random.default_rng(4)
-    arm = with_deviations(kinematics(), PlacementTolerance().sigmas * rng.standard_normal((6, 6)))
+    arm = deviate_joint_frames(
+        kinematics(), PlacementTolerance().sigmas * rng.standard_normal((6, 6))
+    )
     T_b_f = arm.forward(WELL)
     np.testing.assert_allclose(arm.inverse(T_b_f, near=WELL), WELL, rtol=0, atol=1e-9)
     assert len(arm.all_inverse_solutions(T_b_f, WELL)) == 8

@@ -17,7 +17,7 @@ from tjscan.core.pose_vector import pose_from_vector
 from tjscan.core.signals import press_ctrl_c
 from tjscan.job.files import read_scan_job
 from tjscan.planning.wps import read_wps
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.plan.reach import WeldingStation
 from tjscan_loopback.process import UrLoopbackProcess
@@ -233,7 +233,7 @@ def test_a_program_goes_to_no_other_arm_and_joint(
 def test_a_calibrated_arm_is_told_what_brings_it_where_it_should_be() -> None:
     model = Kinematics.load("ur10e")
     deviations = 1e-3 * np.random.default_rng(0).standard_normal((6, 6))
-    true = with_deviations(model, deviations)
+    true = deviate_joint_frames(model, deviations)
     job = read_scan_job(RUN / "job.toml")
     station = WeldingStation("arm", job, RUN / "job.toml", model, true, np.eye(4))
     q = np.radians([10, -80, 100, -60, -80, 20])

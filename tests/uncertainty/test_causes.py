@@ -17,7 +17,7 @@ from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.deviation import COEFFICIENT_SIGMAS_BY_DEGREE
 from tjscan.laser.model import LaserModel
-from tjscan.robot.deviations import deviation_jacobian, with_deviations
+from tjscan.robot.deviations import deviate_joint_frames, deviation_jacobian
 from tjscan.robot.settings import PlacementTolerance
 from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, points_moved_by_twist
 from tjscan.uncertainty.causes import (
@@ -91,7 +91,7 @@ def test_joints_that_are_not_as_modelled_move_views_as_stated() -> None:
     cause = arm_geometry_cause(SECTIONS, by_deviations(), sigmas, "assumed")
     drawn = []
     for _ in range(DRAWS // 4):
-        arm = with_deviations(ur10e(), sigmas * rng.standard_normal((6, 6)))
+        arm = deviate_joint_frames(ur10e(), sigmas * rng.standard_normal((6, 6)))
         drawn.append(
             [transform_points(arm.forward(s.view.q) @ T_F_S, GROOVE.points_s) for s in SECTIONS]
         )
@@ -115,7 +115,7 @@ def test_sensor_and_arm_calibrated_together_err_together() -> None:
     cause = hand_eye_cause(SECTIONS, T_F_S, covariance, "calibrated", by_deviations())
     drawn = []
     for step in rng.multivariate_normal(np.zeros(42), covariance, DRAWS // 4):
-        arm, T_f_s = with_deviations(ur10e(), step[6:].reshape(6, 6)), turned(T_F_S, step[:6])
+        arm, T_f_s = deviate_joint_frames(ur10e(), step[6:].reshape(6, 6)), turned(T_F_S, step[:6])
         drawn.append(
             [transform_points(arm.forward(s.view.q) @ T_f_s, GROOVE.points_s) for s in SECTIONS]
         )

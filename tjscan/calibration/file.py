@@ -267,10 +267,8 @@ class CalibrationFile(StrictFileModel):
             held = covariance if self.kinematics is None else self.kinematics.covariance
             if len(self.laser_response.by_draws) != len(held):
                 raise ValueError("its laser_response has not as many rows as its covariance")
-        if (
-            not max(abs(v) for row in self.sensor_pose_rows[:3] for v in row[3:])
-            >= MIN_SENSOR_OFFSET_MM
-        ):
+        offset_mm = max(abs(v) for row in self.sensor_pose_rows[:3] for v in row[3:])
+        if not offset_mm >= MIN_SENSOR_OFFSET_MM:
             raise ValueError("its sensor sits in the flange: are these metres, not millimetres?")
         return self
 

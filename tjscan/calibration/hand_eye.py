@@ -150,7 +150,7 @@ def _check_radius(targets: Targets, solution: SensorSolution) -> MeasuredRadius:
     """The first ball's radius as the profiles show it; refused if it is not the stated one."""
     balls = ((k, one.sphere.radius) for k, one in enumerate(targets) if isinstance(one, SeenBall))
     k, stated = next(balls)
-    estimate, at = solution.estimate, solution.model.slice_of(k)
+    estimate, at = solution.estimate, solution.model.target_slice(k)
     radius = float(estimate.target[at][3])
     variance = estimate.variance_scale * estimate.covariance[6:, 6:][at, at][3, 3]
     variance += (SENSOR_LINEARITY * radius) ** 2
@@ -186,6 +186,6 @@ def _target_fields(solution: SensorSolution) -> dict[str, Any]:
     """Fields of the result that hold the targets; of several of a kind, the first."""
     found: dict[str, Any] = {}
     for k, model in reversed(list(enumerate(solution.model.models))):
-        at, settled = solution.model.slice_of(k), solution.settled
+        at, settled = solution.model.target_slice(k), solution.settled
         found |= model.describe(settled.target[at], settled.covariance[6:, 6:][at, at])
     return found

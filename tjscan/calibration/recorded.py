@@ -97,7 +97,7 @@ def calibrate_recorded_sets(
     sets: list[RecordedSet] = []
     read_as: list[str] = []
     for k, table in enumerate(tables):
-        shots, convention = _read_set(table, folder, report, leave_out)
+        shots, convention = _read_profile_set(table, folder, report, leave_out)
         read_as.append(f"{Path(table.poses).name}: {convention}")
         if len(tables) > 1:
             several = kinds.count(kinds[k]) > 1
@@ -123,7 +123,7 @@ def calibrate_recorded_sets(
     )
 
 
-def _read_set(
+def _read_profile_set(
     table: RecordedSettings, folder: Path, report: Report, leave_out: Report
 ) -> tuple[list[PosedProfile], str]:
     """Profiles with their poses, and how the poses were read."""

@@ -20,7 +20,7 @@ POINTS_PER_BLOCK: Final = 3
 """Points of a block, which is not divided; more if a profile has more points."""
 
 MOST_BLOCKS: Final = 220
-"""About how many blocks of a profile are looked at: the time grows with their square."""
+"""About how many blocks a profile has at most."""
 
 LONGEST_PIECE_BLOCKS: Final = 48
 """Longer pieces are divided: what they show together their candidate shows."""
@@ -109,7 +109,7 @@ def project_points(row: OrderedProfilePoints, largest_noise: float) -> Projectiv
     return ProjectivePoints(u, y, z, min(max(sigmas), largest_noise))
 
 
-def moments_of_points(points: ProjectivePoints) -> Array:
+def _moments_of_points(points: ProjectivePoints) -> Array:
     """What each point adds to the moments of its piece, shape (9, n)."""
     terms = np.empty((9, len(points.u)))
     np.power(points.z, 4, out=terms[0])
@@ -133,7 +133,7 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
     """
     first, stop = _divide_runs_in_blocks(runs, len(points.u))
     sums = np.zeros((9, len(points.u) + 1))
-    terms = moments_of_points(points)
+    terms = _moments_of_points(points)
     np.cumsum(terms, axis=1, out=sums[:, 1:])
     sums = np.array(sums[:, stop] - sums[:, first])
     through = np.concatenate((np.zeros((9, 1)), sums.cumsum(axis=1)), axis=1)
@@ -165,7 +165,7 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
 def _divide_runs_in_blocks(runs: PointRuns, points: int) -> tuple[Index, Index]:
     """First point of each block, and the one after its last."""
     size = max(POINTS_PER_BLOCK, points // MOST_BLOCKS)
-    long = runs.count >= FEWEST_RUN_POINTS
+    long = runs.count >= min(FEWEST_RUN_POINTS, int(runs.count.max()))
     start, count = runs.first[long], runs.count[long]
     blocks = np.maximum(count // size, 1)
     ends = blocks.cumsum()

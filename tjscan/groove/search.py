@@ -1,8 +1,8 @@
 """Find the sides of a groove of any model in a profile, or refuse to.
 
-A groove is looked for quickly first, harder if nothing convincing comes of it. Each search
-proposes polylines, refines the likeliest, tries the other forms that these suggest, and compares
-what the points support by what all points pay.
+Every form of the groove lays its cheapest chains over the curves that the profile proposes. Those
+that cost little more than the cheapest of all are refined, cheapest first, and compared by what
+their points and sides cost.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import CollisionCheckedArm
-from tjscan.robot.deviations import CorrectedArm, with_deviations
+from tjscan.robot.deviations import CorrectedArm, deviate_joint_frames
 from tjscan.robot.drivers import ARM_DRIVERS, ArmDriverInputs
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
@@ -59,7 +59,7 @@ def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> 
     table = job.clearance
     kinematics = kinematics_of_job(job)
     if deviations is not None:
-        kinematics = with_deviations(kinematics, deviations)
+        kinematics = deviate_joint_frames(kinematics, deviations)
     with add_file_to_errors(key="clearance.ignore"):
         check_ignored_links(kinematics, table.ignore)
     with add_file_to_errors(key="arm.model"):

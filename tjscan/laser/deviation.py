@@ -137,15 +137,15 @@ class Distortion:
         z = np.linspace(model.near, model.far, WINDOW_PLACES_EACH_WAY)
         slopes = np.linspace(-1, 1, WINDOW_PLACES_EACH_WAY)[:, None]
         x = slopes * (z - model.emitter_z) * np.tan(model.half_angle)
-        errors = field._errors_at(x.ravel(), np.broadcast_to(z, x.shape).ravel())
+        errors = field._distortion_errors(x.ravel(), np.broadcast_to(z, x.shape).ravel())
         largest = np.abs(errors).max()
         return cls(model.linearity / largest * field.coefficients, field.middle, field.half)
 
     def distort(self, x_s: Array, z_s: Array) -> tuple[Array, Array]:
         """Give points as the sensor reports them, for where they are; shape (n,), metres."""
-        dx, dz = self._errors_at(x_s, z_s)
+        dx, dz = self._distortion_errors(x_s, z_s)
         return x_s + dx, z_s + dz
 
-    def _errors_at(self, x_s: Array, z_s: Array) -> Array:
+    def _distortion_errors(self, x_s: Array, z_s: Array) -> Array:
         u, v = (x_s - self.middle[0]) / self.half[0], (z_s - self.middle[1]) / self.half[1]
         return np.array([legval2d(u, v, c) for c in self.coefficients])

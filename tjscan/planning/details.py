@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, MM
 from tjscan.planning.edges import GrooveEdges
-from tjscan.planning.path import stations_at
+from tjscan.planning.path import cut_groove_stations
 from tjscan.planning.wps import JointDetail
 
 
@@ -117,7 +117,7 @@ def _excess_text(name: str, out: Sequence[tuple[float, tuple[float, float]]]) ->
 
 def _section_measures(edges: GrooveEdges) -> list[dict[str, float]]:
     """Measures of each section square to the groove; the opening only if the root is open."""
-    p3, p4, g, p2 = np.moveaxis(stations_at(edges, edges.sections).corners, 1, 0)
+    p3, p4, g, p2 = np.moveaxis(cut_groove_stations(edges, edges.sections).corners, 1, 0)
     bevel, leg, line = p2 - p3, g - p4, g - p2
     turn = np.abs(leg[:, 0] * bevel[:, 1] - leg[:, 1] * bevel[:, 0])
     angles = np.arctan2(turn, np.sum(leg * bevel, axis=1))

@@ -50,9 +50,9 @@ class ArrangedGroove:
 
     def cut(self, s: Array) -> tuple[path.GrooveStations, BeadCells]:
         """Cut the groove at lengths, shape (m,) in metres, and its sections into beads."""
-        stations = path.stations_at(self.edges, s)
+        stations = path.cut_groove_stations(self.edges, s)
         root_area = self.wps.root.penetration * self.edges.root_opening(s)
-        template = path.template_at(stations, self.wps.bead.cap_height, root_area)
+        template = path.map_template_onto(stations, self.wps.bead.cap_height, root_area)
         areas = template.area[:, None] * self.arrangement.shares
         return stations, template.cut_into_beads(self.arrangement.counts, areas)
 

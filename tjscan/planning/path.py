@@ -65,7 +65,7 @@ class GrooveStations:
         return np.asarray(vectors[..., :1] * self.across[extra] + vectors[..., 1:] * self.up[extra])
 
 
-def stations_at(edges: GrooveEdges, s: Array) -> GrooveStations:
+def cut_groove_stations(edges: GrooveEdges, s: Array) -> GrooveStations:
     """Cut the smoothed groove at lengths, shape (m,), metres."""
     p = edges.corners(s)
     origin = p.mean(axis=1)
@@ -81,7 +81,7 @@ def stations_at(edges: GrooveEdges, s: Array) -> GrooveStations:
     return GrooveStations(np.asarray(s), origin, across, up, flat, tangent)
 
 
-def template_at(
+def map_template_onto(
     stations: GrooveStations, cap_height: float, root_area: Array | float = 0.0
 ) -> SectionTemplate:
     """The template mapped onto stations.

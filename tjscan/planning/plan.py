@@ -15,7 +15,7 @@ from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
 from tjscan.planning.lay import ArrangedGroove
-from tjscan.planning.path import LONGEST_STATION_STEP, stations_at, template_at
+from tjscan.planning.path import LONGEST_STATION_STEP, cut_groove_stations, map_template_onto
 from tjscan.planning.stops import ZERO_SPAN, StationStretch, StopPlacement
 from tjscan.planning.topology import LIMIT_TOLERANCE, Arrangement, BeadArranger, NoArrangementFits
 from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN, WeldingProcedure
@@ -316,7 +316,7 @@ def _fit_zones(
     zones = _fit_zones_from(0.0, edges, wps, after_pass)
     if edges.closed and len(zones) > 1:
         s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STATION_STEP) + 1)
-        smallest = float(s[np.argmin(template_at(stations_at(edges, s), 0.0).area)])
+        smallest = float(s[np.argmin(map_template_onto(cut_groove_stations(edges, s), 0.0).area)])
         around = _fit_zones_from(smallest, edges, wps, after_pass)[0].end % edges.length
         zones = _fit_zones_from(around, edges, wps, after_pass)
     return zones
@@ -330,8 +330,8 @@ def _fit_zones_from(
     count = end + 1 + over * edges.closed
     s: Array = begin + edges.length / end * np.arange(count, dtype=np.float64)
     root_area = wps.root.penetration * edges.root_opening(s)
-    stations = stations_at(edges, s)
-    template = template_at(stations, wps.bead.cap_height, root_area)
+    stations = cut_groove_stations(edges, s)
+    template = map_template_onto(stations, wps.bead.cap_height, root_area)
 
     def fit(first: int, last: int) -> Arrangement:
         # A bead laps over the zone that follows: it has to fit there, too.

@@ -155,7 +155,7 @@ class BeadArranger:
         for n, group in self._layer_counts_by_beads.items():
             for counts in group:
                 try:
-                    one = self._arrange_counts(counts)
+                    one = self._arrange_bead_counts(counts)
                 except NoArrangementFits as problem:
                     problems.append(problem)
                     continue
@@ -266,7 +266,7 @@ class BeadArranger:
                     key="bead.root_area_mm2",
                 )
 
-    def _arrange_counts(self, counts: tuple[int, ...]) -> Arrangement:
+    def _arrange_bead_counts(self, counts: tuple[int, ...]) -> Arrangement:
         template, area = self.template, self.template.area
         names = np.array(bead_kinds(counts, self.root))
         shares = dict(zip(BEAD_KIND_NAMES, self._bead_shares(counts), strict=True))

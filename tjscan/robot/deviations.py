@@ -32,7 +32,7 @@ def joint_axis_bases(kinematics: Kinematics) -> Array:
     return np.array(bases)
 
 
-def with_deviations(kinematics: Kinematics, deviations: Array) -> Kinematics:
+def deviate_joint_frames(kinematics: Kinematics, deviations: Array) -> Kinematics:
     """Return the arm with its joints' frames moved by small motions.
 
     Parameters
@@ -52,7 +52,7 @@ def with_deviations(kinematics: Kinematics, deviations: Array) -> Kinematics:
 def deviation_jacobian(kinematics: Kinematics, q: Array) -> Array:
     """Motion of the flange for small deviations, shape (6, n, 6), in the axes of f.
 
-    Translation (metres) and rotation (radians), by the deviations of `with_deviations`.
+    Translation (metres) and rotation (radians), by the deviations of `deviate_joint_frames`.
     """
     J = kinematics.placement_jacobian(q).reshape(6, -1, 2, 3)
     turned = np.einsum("knci,nij->kncj", J, joint_axis_bases(kinematics))

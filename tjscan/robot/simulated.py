@@ -16,7 +16,7 @@ from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import ArmFault, ConfigurationError
 from tjscan.core.frames import Array, array_dataclass, pose, readonly_copy
 from tjscan.robot.arm import ArmState, MotionLock
-from tjscan.robot.deviations import deviations_of_longer_links, with_deviations
+from tjscan.robot.deviations import deviate_joint_frames, deviations_of_longer_links
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
 from tjscan.robot.settings import ArmErrorSettings
@@ -68,7 +68,7 @@ class SimulatedArmErrors:
         n = len(nominal.lower)
         deviations = settings.sigmas * rng.standard_normal((n, 6))
         return cls(
-            with_deviations(nominal, deviations),
+            deviate_joint_frames(nominal, deviations),
             settings.growth * deviations_of_longer_links(nominal),
             settings.eccentricity * rng.standard_normal(n),
             rng.uniform(-np.pi, np.pi, n),
@@ -92,7 +92,7 @@ class SimulatedArmErrors:
         if not self.growth.any():
             return self.kinematics.forward(true_q)
         warm = 1.0 - np.exp(-max(time, 0.0) / self.warm_up)
-        return with_deviations(self.kinematics, warm * self.growth).forward(true_q)
+        return deviate_joint_frames(self.kinematics, warm * self.growth).forward(true_q)
 
 
 POSITION_REPEATABILITY: Final = 5e-5

@@ -110,7 +110,7 @@ class Scanner:
         self._scan_taught("first", self._taker.move_joint_to_pose(T_b_f_first))
         self._scan_taught("second", self._taker.move_linear(T_b_f_second))
         self._check_direction()
-        return self._scan_on()
+        return self._scan_until_done()
 
     def resume(self, done: RecordedScan, sections: Sections) -> ScanResult:
         """Go back to the last section of an interrupted scan, check that it lies there, and go on.
@@ -139,9 +139,9 @@ class Scanner:
         moved = self._check_last_section(self._taker.move_joint_to_pose(last.T_b_f, near=last.q))
         detail = f"after section {len(sections) - 1}, moved {1e3 * moved:.3f} mm"
         self._log.record_event(ScanEvent.RESUMED, detail)
-        return self._scan_on()
+        return self._scan_until_done()
 
-    def _scan_on(self) -> ScanResult:
+    def _scan_until_done(self) -> ScanResult:
         """Step until the plan is fulfilled or no step is possible."""
         sections = self._log.sections
         while True:

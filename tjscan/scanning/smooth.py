@@ -89,7 +89,7 @@ class ExpectedSection:
             Orientation of the sensor.
         """
         around = seam_fit.with_small_steps(section, _DIFFERENCE_STEP)
-        values = self._off_walls(self._seam.walls(), around, R_b_s)
+        values = self._wall_distances(self._seam.walls(), around, R_b_s)
         J = (values[1:] - values[0]).T / _DIFFERENCE_STEP
         return np.asarray(section - np.linalg.solve(J, values[0]))
 
@@ -124,21 +124,22 @@ class ExpectedSection:
             for values in (section, self._seam.theta, self._shape[:2])
         )
         walls = self._seam.walls()
-        by_section = _derivative(self._off_walls(walls, around, R_b_s))
-        by_theta = _derivative(self._off_walls(self._seam.walls(thetas), section, R_b_s))
+        by_section = _step_jacobian(self._wall_distances(walls, around, R_b_s))
+        by_theta = _step_jacobian(self._wall_distances(self._seam.walls(thetas), section, R_b_s))
         by_theta[:4] -= self._residual_jacobian
-        misses = [self._off_walls(walls, section, R_b_s, lengths) for lengths in shapes]
-        by_shape = _derivative(np.array(misses))
+        misses = [self._wall_distances(walls, section, R_b_s, lengths) for lengths in shapes]
+        by_shape = _step_jacobian(np.array(misses))
         spread = by_theta @ self._seam.covariance @ by_theta.T
         spread += (by_shape * self._shape_sigmas[:2] ** 2) @ by_shape.T
         spread[range(4), range(4)] += self._residual_sigmas**2
         back = np.linalg.inv(by_section)
-        seven = _derivative(np.array([self._target_change(section, one, R_b_s) for one in around]))
+        changes = [self._target_change(section, one, R_b_s) for one in around]
+        seven = _step_jacobian(np.array(changes))
         total = seven @ back @ spread @ back.T @ seven.T
         total[6, 6] += (0.5 * self._shape_sigmas[2]) ** 2
         return np.asarray(total)
 
-    def _off_walls(
+    def _wall_distances(
         self, walls: seam_fit.LocalWalls, section: Array, R_b_s: Array, lengths: Array | None = None
     ) -> Array:
         """How far sections (..., 5) are from lying on the walls a step away, shape (..., 5)."""
@@ -164,7 +165,7 @@ def _tangents_b(section: Array, R_b_s: Array) -> Array:
     return np.asarray(np.cos(angles) * R_b_s[:, 0] + np.sin(angles) * R_b_s[:, 2])
 
 
-def _derivative(values: Array) -> Array:
+def _step_jacobian(values: Array) -> Array:
     """Jacobian from values at a place and at steps of `_DIFFERENCE_STEP` beside it."""
     return np.asarray((values[1:] - values[0]).T / _DIFFERENCE_STEP)
 
@@ -212,7 +213,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
                 ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0)
             )
             covariance = ahead.covariance(section, _sensor_rotation(ideal))
-            slack = _free_rotation(plan, covariance, track, step)
+            slack = _rotation_tolerance_left(plan, covariance, track, step)
             _, lagging = _solve_section_and_pose(
                 ahead, plan, section, _sensor_rotation(ideal), R_b_now, slack
             )
@@ -273,7 +274,7 @@ def _nearest_rotation(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, 
     return pose_vector.rotation_from_vector(back)
 
 
-def _free_rotation(
+def _rotation_tolerance_left(
     plan: ScanPlan, covariance: Array, track: seam_fit.RecentSections, step: float
 ) -> tuple[float, float]:
     """What the doubt of prediction and reading leaves of the tolerances, radians."""

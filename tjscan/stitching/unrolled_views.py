@@ -44,7 +44,7 @@ BINS_PER_SIDE: Final = 8
 FEWEST_POINTS: Final = 5
 """Points that a bin or a node needs."""
 
-LEAST_NOISE: Final = 1e-6
+LEAST_POINT_SIGMA: Final = 1e-6
 """Metres that no point is taken for more certain than."""
 
 CORRELATED_POINTS: Final = 8
@@ -152,7 +152,7 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
     # Averaged along the curve, not across it: the mean of a bent line lies beside it.
     at = np.bincount(share, s, NODES_PER_SIDE) / count
     height = curve(at) + np.bincount(share, d - curve(s), NODES_PER_SIDE) / count
-    noise = max(float(np.std(d - curve(s))), LEAST_NOISE)
+    noise = max(float(np.std(d - curve(s))), LEAST_POINT_SIGMA)
     nodes = corner + at[:, None] * tangent + height[:, None] * normal
     in_s = np.column_stack((nodes[:, 0], np.zeros(NODES_PER_SIDE), nodes[:, 1]))
     return in_s, noise * np.sqrt(np.minimum(CORRELATED_POINTS / count, 1.0))

@@ -163,11 +163,11 @@ def write_study_tables(folder: Path, rows: Sequence[StudyRow[Any]]) -> None:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(table)
         writer.writerows(zip(*table.values(), strict=True))
-    columns = {name: _as_one_type(values) for name, values in table.items()}
+    columns = {name: _unify_value_types(values) for name, values in table.items()}
     pq.write_table(pa.table(columns), folder / PARQUET_FILE)
 
 
-def _as_one_type(values: list[Value | None]) -> list[Value | None]:
+def _unify_value_types(values: list[Value | None]) -> list[Value | None]:
     types = {type(value) for value in values if value is not None}
     if len(types) < 2:
         return values

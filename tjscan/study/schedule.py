@@ -119,7 +119,7 @@ def _run_tasks(
 
     hand_out()
     while running:
-        future = _next_ended(client, list(running))
+        future = _await_next_result(client, list(running))
         task = running.pop(future)
         fault = future.exception() if future.status == "error" else None
         over: EndedTask[T, R]
@@ -136,7 +136,7 @@ def _run_tasks(
         yield over
 
 
-def _next_ended(client: Any, running: list[Any]) -> Any:
+def _await_next_result(client: Any, running: list[Any]) -> Any:
     """Wait for the next task that ends; raises ComputeClusterFault if no worker is left for it."""
     from distributed import wait
 

@@ -28,7 +28,7 @@ from tjscan.core.frames import (
     readonly_copy,
     skew_matrix,
 )
-from tjscan.robot.deviations import deviation_jacobian, with_deviations
+from tjscan.robot.deviations import deviate_joint_frames, deviation_jacobian
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
@@ -118,7 +118,7 @@ class ArmModel:
         T_f_s : ndarray, shape (4, 4)
             The sensor on the flange.
         deviations : ndarray, shape (joints, 6)
-            See `with_deviations`.
+            See `deviate_joint_frames`.
         target : ndarray, shape (m,)
             The targets' parameters, one after the other.
 
@@ -127,7 +127,7 @@ class ArmModel:
         The derivative by deviations is that without any: deviations are some 1e-4, and so is its
         relative error.
         """
-        arm = with_deviations(self.kinematics, deviations)
+        arm = deviate_joint_frames(self.kinematics, deviations)
         own_targets = np.split(target, np.cumsum([len(s.start) for s in self.targets])[:-1])
         parts = []
         for seen, own, (E, J) in zip(self.targets, own_targets, self._flange_motions, strict=True):
@@ -253,12 +253,12 @@ class _ScaledArm:
         return found.residuals, found.jacobian
 
     def linearise(self, T_f_s: Array, parameters: Array) -> StackedResiduals:
-        deviations, target = self.unscaled(parameters)
+        deviations, target = self.unscaled_parameters(parameters)
         found = self.model.linearise(T_f_s, deviations, target)
         scale = _units_of_parameters(self.sigmas, len(target))
         return replace(found, jacobian=found.jacobian * scale)
 
-    def unscaled(self, parameters: Array) -> tuple[Array, Array]:
+    def unscaled_parameters(self, parameters: Array) -> tuple[Array, Array]:
         """Deviations, shape (joints, 6), and the targets' parameters."""
         n = self.sigmas.size
         deviations = (parameters[:n] * self.sigmas.ravel()).reshape(self.sigmas.shape)
@@ -272,7 +272,7 @@ def _solve_for_deviations(
     start = np.concatenate((np.zeros(sigmas.size), target))
     found = refine.solve_reweighted(scaled, T_f_s, start, used, prior, WEIGHTING_ROUNDS)
     scale = _units_of_parameters(sigmas, len(target))
-    deviations, target = scaled.unscaled(found.target)
+    deviations, target = scaled.unscaled_parameters(found.target)
     return replace(
         found,
         target=target,

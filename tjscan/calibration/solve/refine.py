@@ -62,7 +62,7 @@ class StackedResiduals:
         """Lower triangular L, shape (N, N), with L Lᵀ the covariance."""
         return np.asarray(np.linalg.cholesky(self.covariance), dtype=float)
 
-    def of_profiles(self, chosen: Mask) -> StackedResiduals:
+    def select_profiles(self, chosen: Mask) -> StackedResiduals:
         """Return the residuals of some profiles, by a mask of shape (n,), alone."""
         rows = chosen[self.profile]
         square = np.ix_(rows, rows)
@@ -108,7 +108,7 @@ class CombinedModel:
         each = [model.prior_information for model in self.models]
         return each[0] if len(each) == 1 else np.asarray(block_diag(*each))
 
-    def slice_of(self, k: int) -> slice:
+    def target_slice(self, k: int) -> slice:
         """Slice of the parameters of target k among all parameters."""
         ends = np.cumsum([0] + [len(model.prior_information) for model in self.models])
         return slice(int(ends[k]), int(ends[k + 1]))
@@ -123,9 +123,8 @@ class CombinedModel:
         target : ndarray, shape (m,)
             Parameters of the targets, one after the other.
         """
-        found = [
-            model.linearise(T_f_s, target[self.slice_of(k)]) for k, model in enumerate(self.models)
-        ]
+        models = enumerate(self.models)
+        found = [model.linearise(T_f_s, target[self.target_slice(k)]) for k, model in models]
         if self.by_true_pose is None:
             return found
         return [
@@ -259,7 +258,7 @@ class LeastSquaresEstimate:
     @property
     def residuals_in_use(self) -> StackedResiduals:
         """Residuals of the profiles in use."""
-        return self.stacked.of_profiles(self.used)
+        return self.stacked.select_profiles(self.used)
 
     @property
     def residuals_per_profile(self) -> NDArray[np.intp]:
@@ -365,7 +364,7 @@ def solve_reweighted(
     """
     for _ in range(rounds):
         first = model.linearise(base, target)
-        L = first.of_profiles(used).covariance_cholesky
+        L = first.select_profiles(used).covariance_cholesky
         fit = _CachedLinearisation(model, base, prior, used[first.profile], L)
         start = np.concatenate((np.zeros(6), target))
         found = least_squares(
@@ -376,7 +375,7 @@ def solve_reweighted(
         if moved < settled:
             break
     stacked = model.linearise(base, target)
-    residuals_in_use = stacked.of_profiles(used)
+    residuals_in_use = stacked.select_profiles(used)
     L = residuals_in_use.covariance_cholesky
     J = _append_prior(whiten_residuals(L, residuals_in_use.jacobian), prior)
     r = np.concatenate((whiten_residuals(L, residuals_in_use.residuals), prior @ target))
@@ -428,7 +427,7 @@ def refit_targets(model: CombinedModel, estimate: LeastSquaresEstimate) -> Least
     plain = replace(model, geometry=0.0)
     prior, target = estimate.prior_information, estimate.target
     for _ in range(2):
-        found = plain.linearise(estimate.T_f_s, target).of_profiles(estimate.used)
+        found = plain.linearise(estimate.T_f_s, target).select_profiles(estimate.used)
         L = found.covariance_cholesky
         J, r = whiten_residuals(L, found.jacobian[:, 6:]), whiten_residuals(L, found.residuals)
         target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)

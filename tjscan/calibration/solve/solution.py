@@ -328,7 +328,7 @@ class CalibrationProblem:
         for _, T_f_s, model, target in self._nearest_starts(begin)[:most]:
             estimate = refine_by_least_squares(model, T_f_s, target, every, rough=True)
             behind = not self.sensor_is_fixed and any(
-                one.is_behind(estimate.T_f_s, estimate.target[model.slice_of(k)])
+                one.is_behind(estimate.T_f_s, estimate.target[model.target_slice(k)])
                 for k, one in enumerate(model.models)
             )
             found.append((behind, estimate.chi2, model, estimate))

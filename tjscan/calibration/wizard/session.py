@@ -554,7 +554,7 @@ class CalibrationPlan:
         """Lines of the profiles that show one, with their responses to errors that all share."""
         return fit_profiles(profiles, fit_line, self.noise, self.laser, self.flange_moves)[0]
 
-    def predict_from(self, T_f_s: Array, target: PlaneTarget) -> LinePrediction:
+    def line_predictor(self, T_f_s: Array, target: PlaneTarget) -> LinePrediction:
         """Predicts lines on the board of a sensor that sits at T_f_s, shape (4, 4)."""
         return LinePrediction(T_f_s, target, self.window, self.noise)
 
@@ -576,7 +576,7 @@ class CalibrationPlan:
         except CalibrationRefused as refused:
             refusal = refused
         taken = np.array([sample.T_b_f for sample in samples]).reshape(-1, 4, 4)
-        predicted = self.predict_from(T_f_s, target).uncertainty(taken)
+        predicted = self.line_predictor(T_f_s, target).uncertainty(taken)
         return CalibrationProgress(tuple(samples), self.lines, predicted, result, refusal)
 
     def suggest_line_pose(
@@ -610,7 +610,7 @@ class CalibrationPlan:
         T_f_s, grid = self.T_f_s, SMALL_TILT_POSE_GRID
         if result is not None:
             T_f_s, grid = result.T_f_s, CandidatePoseGrid()
-        prediction = self.predict_from(T_f_s, target)
+        prediction = self.line_predictor(T_f_s, target)
         candidates = prediction.candidate_poses(board, grid, self.T_b_board[:3, 0])
         taken = [shot.T_b_f for shot in measured.line_profiles]
         done = [*taken, *(passed.T_b_f for passed in measured.skipped_poses)]

@@ -42,7 +42,7 @@ def outcome_line(row: ErrorSourceRow) -> str:
 def _outcome_cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
     if outcome is None:
         return ("refused", "", "", "")
-    errors = (outcome.mean_corner_error, outcome.p95_corner_error, outcome.in_own_frame_mean)
+    errors = (outcome.mean_corner_error, outcome.p95_corner_error, outcome.own_frame_error_mean)
     return (*(f"{1e3 * error:.3f}" for error in errors), mount_error_in_words(outcome))
 
 
@@ -54,7 +54,7 @@ def _outcome_to_dict(row: ErrorSourceRow) -> dict[str, Any]:
         "source": row.source,
         "corners_mean_mm": 1e3 * one.mean_corner_error,
         "corners_p95_mm": 1e3 * one.p95_corner_error,
-        "corners_in_own_frame_mean_mm": 1e3 * one.in_own_frame_mean,
+        "corners_in_own_frame_mean_mm": 1e3 * one.own_frame_error_mean,
         "mount_error_mm_deg": [*1e3 * one.mount_error[:3], *np.degrees(one.mount_error[3:])],
         "mount_nees": one.mount_nees,
         "held_out_mm": None if one.held_out is None else [1e3 * v for v in one.held_out],

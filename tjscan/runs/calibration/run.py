@@ -400,7 +400,7 @@ def _predict_final_uncertainty(task: CalibrationPlan, arm: Arm, ready: Array) ->
     target = fit_plane(touched, task.noise.touch, outside, geometry=task.noise.geometry)
     board = BoardRectangle.through_touched_points(touched, target)
     measured = MeasurementsSoFar(datetime.now(UTC), {})
-    expected = task.predict_from(task.T_f_s, target).uncertainty(np.empty((0, 4, 4)))
+    expected = task.line_predictor(task.T_f_s, target).uncertainty(np.empty((0, 4, 4)))
     reaches = partial(can_reach_and_return, arm, ready)
     for number in range(1, task.lines + 1):
         there = task.suggest_line_pose(measured, target, board, None, reaches)

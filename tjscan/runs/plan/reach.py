@@ -34,7 +34,7 @@ from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
 from tjscan.result.summary import read_stitching_report
 from tjscan.robot.collision import SCANNED_GROOVE_NAME
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_JOINT_TURN, linear_waypoints
 from tjscan.robot.tool_reach import (
@@ -159,7 +159,7 @@ def _make_station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> Weldin
     with add_file_to_errors(file):
         model = kinematics_of_job(job)
         deviations = ScanContext(job, file).sensor_mount.deviations
-    calibrated = model if deviations is None else with_deviations(model, deviations)
+    calibrated = model if deviations is None else deviate_joint_frames(model, deviations)
     return WeldingStation(name, job, file, model, calibrated, T_b_r)
 
 

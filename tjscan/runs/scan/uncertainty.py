@@ -12,7 +12,7 @@ from tjscan.core.frames import Array
 from tjscan.job.cell import SensorMount, kinematics_of_job
 from tjscan.job.devices import EVIDENCE_ASSUMED, EVIDENCE_STATED
 from tjscan.job.files import CellJob
-from tjscan.robot.deviations import deviation_jacobian, with_deviations
+from tjscan.robot.deviations import deviate_joint_frames, deviation_jacobian
 from tjscan.robot.settings import PlacementTolerance
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty import causes as view_causes
@@ -72,7 +72,7 @@ def causes_of_job(
     is_same = mount.by_laser is not None and isclose(linearity, mount.linearity)
     kinematics = kinematics_of_job(job)
     if mount.deviations is not None:
-        kinematics = with_deviations(kinematics, mount.deviations)
+        kinematics = deviate_joint_frames(kinematics, mount.deviations)
     moved = np.array([deviation_jacobian(kinematics, one.view.q) for one in sections])
     absolute = job.arm.uncertainty.absolute
     found = [
