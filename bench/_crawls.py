@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Self
@@ -25,6 +26,11 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.joint.hull import joint_line_pose, laser_offset
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import AutomaticWeldOperator, CrawlContext
+
+SHIPPED: Final = tomllib.loads(
+    (Path(__file__).parents[1] / "examples" / "crawl.toml").read_text(encoding="utf-8")
+)
+"""The job that is shipped: a crawl here has its guards."""
 
 NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 UNEVENNESS: Final = 0.02e-3
@@ -115,9 +121,7 @@ def job_of(crawl: Crawl, seed: int) -> CrawlJob:
     tables: dict[str, Any] = {
         "method": crawl.method,
         "weld": {"length_m": 0.6, "run_up_mm": 1e3 * RUN_UP},
-        "alignment": {"offset_mm": 50.0, "offset_sigma_mm": 50.0},
-        "steering": {"least_radius_mm": 5000.0},
-        "guards": {"torque_n_m": 1000.0, "blind_travel_mm": 50.0, "field_mm": 35.0},
+        "guards": SHIPPED["guards"],
         "pass": [{"speed_mm_s": 5.0}] * crawl.passes,
         "simulation": {
             "seed": seed,

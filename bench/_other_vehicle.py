@@ -268,8 +268,8 @@ class OtherWorld:
         if fault.kind == "turn":
             self.pose = self.pose + np.array((0.0, 0.0, fault.size))
 
-    def profile(self) -> Profile:
-        """What the laser sees now, without faults of its own."""
+    def profile(self, beside: float = 0.0) -> Profile:
+        """What the laser sees now, or would if the joint ran so far beside, in metres."""
         x, y, heading = self.pose
         px, py = x + LASER_AHEAD * cos(heading), y + LASER_AHEAD * sin(heading)
         to_joint = 0.0
@@ -277,7 +277,8 @@ class OtherWorld:
             along = px - to_joint * sin(heading)
             to_joint = (self.joint_y(along) - py) / cos(heading)
         slope = (self.joint_y(along + 1e-4) - self.joint_y(along - 1e-4)) / 2e-4
-        nodes, filled = ACROSS / cos(heading - slope) + to_joint, self._heights(along)
+        nodes = ACROSS / cos(heading - slope) + to_joint + beside
+        filled = self._heights(along)
         rays = np.tan(np.linspace(-HALF_ANGLE, HALF_ANGLE, COLUMNS))
         seen = nodes / (STAND_OFF - filled)
         k = np.clip(np.searchsorted(seen, rays) - 1, 0, len(nodes) - 2)
@@ -379,14 +380,13 @@ class OtherLaser(LocalDevice):
             last = self._seen[-1]
             noise = 1e-6 * self._world.random.standard_normal(COLUMNS)
             return replace(last, z_s=last.z_s + noise)
-        self._seen.append(self._world.profile())
+        beside = fault.size if fault.kind == "neighbour" else 0.0
+        self._seen.append(self._world.profile(beside))
         match fault.kind:
             case "late":
                 return self._seen[-min(int(fault.size), len(self._seen))]
             case "mirrored":
                 return Profile(-self._seen[-1].x_s[::-1], self._seen[-1].z_s[::-1])
-            case "neighbour":
-                return replace(self._seen[-1], x_s=self._seen[-1].x_s + fault.size)
         return self._seen[-1]
 
 
