@@ -24,7 +24,8 @@ MOST_CHART_POINTS: Final = 2000
 """Of a line in a chart."""
 
 LARGEST_TORCH_OFF: Final = 0.5e-3
-"""Metres beside its path at which a torch is a finding: half of what an arc is stopped at."""
+"""Metres beside its path at which a torch is a finding, half of what an arc is stopped at; so is a
+standard deviation as large."""
 
 ESTIMATE_LINES: Final = (("estimate", 0.0), ("+ 2 sigma", 2.0), ("- 2 sigma", -2.0))
 """Lines of a chart of something estimated, and how many standard deviations they are off it."""
@@ -85,6 +86,8 @@ def _crawl_findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
                 f"path, {place:.0f} mm along the weld: calibrate on this hull, or make the run-up "
                 "longer, and look at the weld there."
             )
+        if (sigma := root_mean_square(one.torch_sigma)) > LARGEST_TORCH_OFF:
+            yield f"Where the torch was in pass {one.number} is known to {1e3 * sigma:.2f} mm only."
     phases = [event.name for event in found.events if event.name in set(Phase)]
     if found.passes and phases[-1] not in (Phase.MANUAL, Phase.STOP):
         yield (
