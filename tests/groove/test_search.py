@@ -1,5 +1,6 @@
 """The search for a groove: pieces, candidates and chains are the best of all there are."""
 
+from dataclasses import replace
 from itertools import combinations, pairwise, product
 
 import numpy as np
@@ -21,10 +22,11 @@ from tjscan.groove.pieces import (
     find_pieces,
     project_points,
 )
-from tjscan.groove.read import order_points, read_groove
+from tjscan.groove.read import fit_groove, order_points, read_groove
 from tjscan.groove.reflections import PointRuns, find_runs
 from tjscan.groove.search import NOISE_INFLATION
 from tjscan.groove.settings import (
+    BUTT_V,
     DEFAULT_SETTINGS,
     LEAST_FACE_TURN,
     TEE_GROOVE,
@@ -178,3 +180,49 @@ def test_points_of_pure_chance_are_refused_soon() -> None:
     x = np.linspace(40, -40, 640) * MM
     with pytest.raises(GrooveNotFound):
         read_groove(Profile(x, 0.2 + random.normal(0, 3 * MM, len(x))))
+
+
+@pytest.mark.parametrize("far", [99999.0, 1e9, 3.4e38])
+def test_a_value_that_stands_for_no_point_costs_none(far: float) -> None:
+    profile = draw(Groove(), Noise(0.03 * MM), 1)
+    expected = read_groove(profile).points_s
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    x[300] = z[300] = far
+    np.testing.assert_allclose(read_groove(Profile(x, z)).points_s, expected, atol=0.05 * MM)
+
+
+@pytest.mark.parametrize("x", [0.0, 0.01])
+def test_points_on_one_ray_are_no_surface(x: float) -> None:
+    profile = draw(Groove(), Noise(0.03 * MM), 1)
+    xs, zs = profile.x_s.copy(), profile.z_s.copy()
+    xs[20:26], zs[20:26] = x, 0.3
+    expected = read_groove(profile).points_s
+    np.testing.assert_allclose(read_groove(Profile(xs, zs)).points_s, expected, atol=0.05 * MM)
+
+
+@pytest.mark.parametrize("every", [3, 7])
+def test_a_profile_of_short_runs_is_read_or_refused(every: int) -> None:
+    profile = draw(Groove(), Noise(0.03 * MM), 1)
+    z = profile.z_s.copy()
+    z[::every] += 3 * MM
+    few = np.full_like(z, np.nan)
+    few[::every] = profile.z_s[::every]
+    for heights in (z, few):
+        try:
+            section = read_groove(Profile(profile.x_s, heights))
+        except GrooveNotFound:
+            continue
+        assert section.area > 0
+
+
+def test_plates_that_turn_are_no_butt_joint() -> None:
+    settings = replace(DEFAULT_SETTINGS, model=BUTT_V)
+    outline = np.array([(40, 0), (10, 0), (2, 12), (-2, 12), (-10, 0), (-35, 24)]) * MM
+    x = np.linspace(0.039, -0.034, 640)
+    z = 0.2 + np.interp(x, outline[::-1, 0], outline[::-1, 1])
+    with pytest.raises(GrooveNotFound):
+        fit_groove(Profile(x, z), settings)
+    level = outline.copy()
+    level[-1, 1] = 0.0
+    z = 0.2 + np.interp(x, level[::-1, 0], level[::-1, 1])
+    assert len(fit_groove(Profile(x, z), settings).fitted.corners) == 4

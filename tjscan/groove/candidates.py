@@ -50,6 +50,9 @@ STRAIGHT, BENT, BEAD, WELD = range(len(CANDIDATE_KINDS))
 MOST_CANDIDATES: Final = 48
 """Most candidates of a kind; those of most points are kept."""
 
+MOST_RANGE_PIECES: Final = 48
+"""Most pieces of a range."""
+
 MOST_GROWTH_ROUNDS: Final = 8
 
 CONTINUING_SIGMAS: Final = 2.8
@@ -214,6 +217,7 @@ def _best_ranges(pieces: Pieces, known: CandidateKind, variance: float) -> NDArr
     """
     count = len(pieces.first)
     start, stop = np.triu_indices(count + 1, 1)
+    start, stop = np.array((start, stop))[:, stop - start <= MOST_RANGE_PIECES]
     through = np.concatenate((np.zeros((1, 9)), pieces.moments.cumsum(axis=0)))
     sums = through[stop] - through[start]
     _, _, error = _fit_sums(sums, known.bend, variance)
@@ -245,6 +249,8 @@ def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array,
     """
     steep, height = _steepness(sums)
     normal = sums[:, _HANKEL_INDEX]
+    # Points on one ray show no slope; this leaves it unknown, to 1000 / m.
+    normal[:, 1, 1] += variance * 1e-6
     # A bend of c2 metres per square metre is c2 (steep / y)³ in (u, y).
     normal[:, 2, 2] += variance * (height / steep) ** 6 / bend**2
     inverse = np.asarray(np.linalg.inv(normal), dtype=float)

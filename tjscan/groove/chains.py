@@ -2,7 +2,9 @@
 
 Each point pays, up to a limit, for its distance to the side that its ray would hit: before its
 start and after its end a side counts for nothing. That cost is a sum over corners, so the cheapest
-of all chains, and every rival to it, follow by dynamic programming over pairs of neighbours.
+of all chains follows by dynamic programming over pairs of neighbours, with its rivals: of chains
+that differ only before their last three sides, the cheapest. Only what a run of reflections costs
+is no such sum. It is bounded from below first, and counted for the cheapest by that bound.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from tjscan.groove.settings import (
 from tjscan.groove.sides import Index, Polyline
 
 FEWEST_INNER_POINTS: Final = 2.8
-"""Points that must support an inner side: four that lie near it."""
+"""Points that must support an inner side: four at half a tolerance count as three."""
 
 FEWEST_OUTER_POINTS: Final = 8
 """Points that must support the first side and the last."""
@@ -168,34 +170,43 @@ class ChainSearch:
                 choices.append(total.argmin(axis=0))
                 value = total.min(axis=0)
         total += self._total[layers[-1]]
-        costs = total.ravel()
-        likely = np.flatnonzero(costs < np.inf)
+        order = np.argsort(total, axis=None)[:MOST_CHAINS_COMPARED]
+        order = order[total.ravel()[order] < np.inf]
+        if not len(order):
+            return []
+        chosen = list(np.unravel_index(order, total.shape))
+        for choice in reversed(choices):
+            chosen.insert(0, choice[chosen[0], chosen[1]])
+        chains = np.array([layer[own] for layer, own in zip(layers, chosen, strict=True)]).T
+        pair = chains[:, :-1], chains[:, 1:]
+        across = self._corners.before[pair][:, 0] - self._corners.after[pair][:, -1]
+        costs = np.where(
+            (across >= model.across.least) & (across <= model.across.most),
+            self._exact_costs(chains, self._corners.place[pair]),
+            np.inf,
+        )
+        corners = np.stack((self._corners.x[pair], self._corners.z[pair]), axis=-1)
         found: list[SideChain] = []
-        dearest = np.inf
-        for flat in likely[np.argsort(costs[likely])[:MOST_CHAINS_COMPARED]].tolist():
-            if costs[flat] > dearest:
+        for i in np.argsort(costs, kind="stable").tolist():
+            if len(found) == most or not costs[i] < costs.min() + RIVAL_COST_MARGIN:
                 break
-            chain = [int(i) for i in np.unravel_index(flat, total.shape)]
-            for choice in reversed(choices):
-                chain.insert(0, int(choice[chain[0], chain[1]]))
-            own = [int(layer[i]) for layer, i in zip(layers, chain, strict=True)]
-            xz = self._corners.x[own[:-1], own[1:]], self._corners.z[own[:-1], own[1:]]
-            corners = np.array(xz).T
-            if all(np.abs(corners - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
-                found.append(SideChain(self._exact_cost(own), own, corners))
-                dearest = min(dearest, found[-1].cost + RIVAL_COST_MARGIN)
-        return sorted(found, key=lambda chain: chain.cost)[:most]
+            if all(np.abs(corners[i] - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
+                found.append(SideChain(float(costs[i]), chains[i].tolist(), corners[i]))
+        return found
 
     def as_polyline(self, chain: SideChain) -> Polyline:
         """The curves of a chain."""
         return Polyline(self.candidates.as_curves(chain.sides), chain.corners, chain.cost)
 
-    def _exact_cost(self, chain: list[int]) -> float:
-        """What all points pay if only runs that lie off the chain as a whole are reflections."""
-        places = self._corners.place[chain[:-1], chain[1:]].tolist()
-        bounds = zip((0, *places), (*places, self._costs.shape[1]), strict=True)
-        costs = [self._costs[k, a:b] for k, (a, b) in zip(chain, bounds, strict=True)]
-        return float(self._runs.total_cost(np.concatenate(costs)))
+    def _exact_costs(self, chains: Index, places: Index) -> Array:
+        """What all points pay if only runs that lie off a chain as a whole are reflections, (m,).
+
+        Corners of the m chains, shape (m, k), come before the points `places`, shape (m, k - 1).
+        """
+        own = np.arange(self._costs.shape[1])
+        number = (places[:, :, None] <= own).sum(axis=1)
+        sides = np.take_along_axis(chains, number, axis=1)
+        return self._runs.total_cost(self._costs[sides, own])
 
     def _fits_between(self, layers: list[Index], side: SideModel) -> NDArray[np.bool_]:
         """Whether a candidate fits between two neighbours as such a side, shape (m1, m2, m3)."""

@@ -29,7 +29,7 @@ FEWEST_RUN_POINTS: Final = 3
 """Shorter runs of points that jump off the surface are in no piece."""
 
 PIECE_COST: Final = 7.0
-"""What a piece costs, in nats: BIC's penalty for a line and its end among 150 blocks."""
+"""What a piece costs, in nats: BIC's penalty for a line and its end among some 200 blocks."""
 
 LEAST_UNEVENNESS: Final = 0.01e-3
 """How far the steel of a straight piece leaves its line, in metres."""

@@ -28,6 +28,9 @@ from tjscan.laser.profile import Profile
 LEAST_DEPTH, LEAST_DEPTH_OVER_WELD = 4e-3, 1.5e-3
 """Depth of the shallowest groove that is read, and of what is left over a weld, in metres."""
 
+FARTHEST_POINT_RATIO: Final = 4.0
+"""Points farther from the sensor than this many times the median depth are none."""
+
 CONTRADICTION_SIGMAS: Final = 2.5
 """Standard deviations from which a profile contradicts what is expected of its bends."""
 
@@ -108,6 +111,9 @@ def order_points(profile: Profile, settings: GrooveSettings) -> OrderedProfilePo
     """
     # Many sensors write a zero where they see nothing; and nothing is seen behind them.
     valid = profile.valid & (profile.z_s > 0)
+    # Others write a far value: no laser line is several times as far away as its middle.
+    farthest = FARTHEST_POINT_RATIO * float(np.median(profile.z_s[valid])) if valid.any() else 0.0
+    valid &= (profile.z_s < farthest) & (np.abs(profile.x_s) < farthest)
     # Coordinates lie one after the other in memory: sums over all points are quicker.
     points = np.array((profile.x_s[valid], profile.z_s[valid])).T
     if len(points) < settings.minimum_points:

@@ -95,24 +95,10 @@ class PointRuns:
     count: Index
     jumps: NDArray[np.bool_]
 
-    def bounds_of_run(self, point: int) -> tuple[int, int]:
-        """First point of the run that a point belongs to, and the one after its last."""
-        k = int(self.first.searchsorted(point, side="right")) - 1
-        return int(self.first[k]), int(self.first[k] + self.count[k])
-
     def most_per_point(self) -> Array:
         """The most that each point pays, shape (n,): as part of a reflection, if its run jumps."""
         whole = np.minimum(RUN_COST / self.count + POINT_COST, 1.0)
         return np.where(self.jumps, whole, 1.0).repeat(self.count)
-
-    def within(self, start: int, end: int) -> PointRuns:
-        """The runs of the points from `start` to before `end`; what is cut off is no reflection."""
-        a, b = int(self.first.searchsorted(start, side="right")) - 1, self.first.searchsorted(end)
-        first = self.first[a:b].copy()
-        stop = first + self.count[a:b]
-        whole = (first >= start) & (stop <= end)
-        first[0] = start
-        return PointRuns(first - start, np.minimum(stop, end) - first, self.jumps[a:b] & whole)
 
     def total_cost(self, costs: Array) -> Array:
         """What all points cost, in outliers, if whole runs that jump may be reflections.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
-from math import atan2, degrees, radians
+from math import atan2, degrees, pi, radians
 from typing import Final
 
 import numpy as np
@@ -28,7 +28,13 @@ from tjscan.groove.chains import (
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
 from tjscan.groove.reflections import find_runs, with_other_readings
-from tjscan.groove.settings import LEAST_FACE_TURN, LEAST_SIDES, GrooveModel, GrooveSettings
+from tjscan.groove.settings import (
+    LEAST_FACE_TURN,
+    LEAST_SIDES,
+    GrooveModel,
+    GrooveSettings,
+    TurnBounds,
+)
 from tjscan.groove.shape import points_lead_away_from_side
 from tjscan.groove.sides import FittedProfile, GrooveFit, OrderedProfilePoints, Polyline
 
@@ -166,6 +172,7 @@ class _FitSearch:
             fitted = refine_fit(row, start, sides, tolerance, annealed=annealed, known=known)
             if fitted is not None:
                 pays = _costs_of_points_on_sides(fitted, model, tolerance)
+                # Reflections count in full: beside many it is fitted in both ways.
                 if (total := float(pays.sum())) < least:
                     best, least, costs = fitted, total, pays
             if least < start.cost + STRAYED_SUPPORT_SHARE * len(row.points):
@@ -184,9 +191,16 @@ class _FitSearch:
         for kept, hidden, way in ((slice(1, None), first, "up"), (slice(None, -1), last, "down")):
             if len(model.sides) == LEAST_SIDES:
                 break
-            part = replace(model, sides=model.sides[kept], turns=model.turns[kept])
+            anywhere = TurnBounds(-pi, pi)
+            sides, turns = model.sides[kept], model.turns[kept]
+            part = replace(model, sides=sides, turns=turns, across=anywhere)
             chains = self._chains.cheapest_chains(part, 1)
-            if chains and chains[0].cost < PARTIAL_GROOVE_SHARE * len(points):
+            if not chains or chains[0].cost > PARTIAL_GROOVE_SHARE * len(points):
+                continue
+            # What is left of the side beside the hidden one is no longer than it may be.
+            end, corner = (points[0], 0) if way == "up" else (points[-1], -1)
+            length = float(np.linalg.norm(end - chains[0].corners[corner]))
+            if length < sides[corner].longest / SIDE_LENGTH_SLACK:
                 return GrooveNotFound(
                     "out of range",
                     f"no {hidden} is seen beside the rest of the groove: move the sensor {way}",
