@@ -445,7 +445,8 @@ def _register() -> TemporaryDirectory[str]:
     groups = {"vehicle": "VEHICLE", "laser": "LASER", "torch": "TORCH"}
     points = (f"[tjscan.{kind}]\n{NAME} = {__name__}:{it}\n" for kind, it in groups.items())
     (package / "entry_points.txt").write_text("\n".join(points), encoding="utf-8")
-    (package / "METADATA").write_text("Name: other-crawler\nVersion: 1\n", encoding="utf-8")
+    about = "Name: other-crawler\nVersion: 1\nLicense-Expression: BSD-3-Clause\n"
+    (package / "METADATA").write_text(about, encoding="utf-8")
     sys.path.append(folder.name)
     return folder
 

@@ -72,7 +72,7 @@ CORNER_POINT_DISTANCE: Final = 1.5e-3
 FEWEST_AT_CORNER: Final = 2
 """Points of a side that show its corner."""
 
-UNREACHED_CORNER_COST: Final = 2.0
+UNREACHED_CORNER_COST: Final = 4.0
 """What a side whose points end before its corner costs, in outliers: reflections often do."""
 
 LEAST_SEEN_SHARE: Final = 0.25

@@ -59,9 +59,9 @@ BEND_DEVIATIONS: Final = 2.0
 """Standard deviations that an angle plus its doubt may come to the joints' limit at most."""
 
 LEAST_ANGLE_DEVIATION: Final = radians(0.4)
-"""Radians by which an estimated angle is doubted at least: on cables three times as stiff or soft,
-and on floors of half or one and a half times the friction, angles were off by no more than 0.7°
-beyond two of `TowingPlan.deviations`."""
+"""Radians by which an estimated angle is doubted at least. It is the largest with which no sound
+tow that was tried is stopped; on cables three times as stiff or soft, and on floors of half or one
+and a half times the friction, angles were off by up to 0.7° beyond two deviations."""
 
 WATCHED_BEND: Final = 0.75
 """Share of the limit above which that is looked at: angles of a cable that is taut or
