@@ -191,6 +191,13 @@ def test_a_value_that_stands_for_no_point_costs_none(far: float) -> None:
     np.testing.assert_allclose(read_groove(Profile(x, z)).points_s, expected, atol=0.05 * MM)
 
 
+@pytest.mark.parametrize("x", [0.0, 0.01, -0.03])
+def test_all_points_on_one_ray_are_refused(x: float) -> None:
+    for z in (np.full(640, 0.24), np.linspace(0.2, 0.3, 640)):
+        with pytest.raises(GrooveNotFound):
+            read_groove(Profile(x * z / 0.24, z))
+
+
 @pytest.mark.parametrize("x", [0.0, 0.01])
 def test_points_on_one_ray_are_no_surface(x: float) -> None:
     profile = draw(Groove(), Noise(0.03 * MM), 1)

@@ -28,6 +28,9 @@ LONGEST_PIECE_BLOCKS: Final = 48
 FEWEST_RUN_POINTS: Final = 3
 """Shorter runs of points that jump off the surface are in no piece."""
 
+LEAST_BEARING_SPREAD: Final = 1e-6
+"""Standard deviation of u of the points of a piece, at least."""
+
 PIECE_COST: Final = 7.0
 """What a piece costs, in nats: BIC's penalty for a line and its end among some 200 blocks."""
 
@@ -159,7 +162,10 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
     # Two places as far from the middle as the points are: they stand for all of them.
     probes = middle[:, None] + spread[:, None] * np.array((-1.0, 1.0))
     heights = (c / w)[:, None] + slope[:, None] * (probes - middle[:, None])
-    return Pieces(first[edges[:-1]], stop[edges[1:] - 1], moments.T, probes, heights)
+    # Points on one ray show no surface.
+    seen = spread > LEAST_BEARING_SPREAD
+    start, end = first[edges[:-1]], stop[edges[1:] - 1]
+    return Pieces(*(value[seen] for value in (start, end, moments.T, probes, heights)))
 
 
 def _divide_runs_in_blocks(runs: PointRuns, points: int) -> tuple[Index, Index]:

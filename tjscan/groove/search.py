@@ -116,6 +116,8 @@ class _FitSearch:
         self._runs = find_runs(row.points, row.columns)
         points = project_points(row, settings.noise)
         pieces = find_pieces(points, self._runs, NOISE_INFLATION)
+        if not len(pieces.first):
+            raise GrooveNotFound("no bevel", "all points lie on a few rays", row.points)
         candidates = propose_candidates(points, pieces, NOISE_INFLATION)
         self._chains = ChainSearch(points, candidates, self._runs, self.tolerance)
 
