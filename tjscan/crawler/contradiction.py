@@ -114,7 +114,7 @@ class WheelWatch:
         CrawlStopped
             If a wheel does not do what it was asked for.
         """
-        asked, seen = self._wheel_speeds(commanded), self._wheel_speeds(shown)
+        asked, seen = (self.tracks.track_speeds(twist) for twist in (commanded, shown))
         self._expected += min(period / DRIVE_LAG, 1.0) * (asked - self._expected)
         way = float(np.abs(self._expected).mean()) * period
         kept = exp(-way / WHEEL_MEMORY_LENGTH - period / WHEEL_MEMORY_TIME)
@@ -141,10 +141,6 @@ class WheelWatch:
             f"asked for {1e3 * wanted:.1f}. Look at the encoder's cable, the motor and the brake "
             "of that track",
         )
-
-    def _wheel_speeds(self, twist: Twist) -> Array:
-        half = self.tracks.gauge * twist.turn_rate / 2
-        return np.array((twist.speed + half, twist.speed - half))
 
 
 @dataclass(slots=True)

@@ -16,7 +16,7 @@ from tjscan.crawler.journal import TORCH_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
 from tjscan.crawler.torch_axes import TorchAxes
-from tjscan.crawler.torch_trace import TorchTracer
+from tjscan.crawler.torch_trace import TRACED_PHASES, TorchTracer
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import Journal, RunEvent
@@ -32,9 +32,6 @@ LONGEST_PERIOD: Final = 2.0
 MOST_PROFILE_AGE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten
 of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
-
-TRACE_ENDS: Final = frozenset({Event.PASSES_LEFT, Event.ALL_WELDED, Event.DANGER})
-"""Events at which it is known where the torch was: a reversal has shown the crab, or it stopped."""
 
 MOST_KEPT_PROFILES: Final = 10
 """Profiles that are kept."""
@@ -288,10 +285,11 @@ class ControlCycle:
 
     def enter(self, event: Event, detail: str) -> None:
         """Go on to the phase that an event leads to."""
-        if event in TRACE_ENDS and (trace := self._tracer.finish()) is not None:
+        phase = next_phase(self.phase, event)
+        if phase in TRACED_PHASES and (trace := self._tracer.finish()) is not None:
             self._journal.record(trace)
             self._journal.record(RunEvent(TORCH_EVENT, trace.text))
-        self.phase = next_phase(self.phase, event)
+        self.phase = phase
         self._journal.record(RunEvent(str(self.phase), detail))
 
 

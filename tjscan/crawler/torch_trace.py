@@ -9,9 +9,14 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.crawler.method import FollowingMethod
+from tjscan.crawler.phases import Phase
 
 TRACE_SPACING: Final = 1e-3
 """Metres along the weld between places of a trace."""
+
+TRACED_PHASES: Final = frozenset({Phase.READY, Phase.MANUAL, Phase.STOP})
+"""Phases at whose beginning it is known where the torch was in the pass before: a reversal has
+shown the crab, or it was stopped."""
 
 LIKELY_SIGMAS: Final = 2.0
 """Standard deviations within which the torch is at 95 of 100 places."""

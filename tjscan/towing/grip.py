@@ -84,9 +84,11 @@ class GripWatch:
         amounts = np.linalg.norm(self.forces, axis=1) - 2 * np.linalg.norm(scatter, axis=1)
         return np.asarray(np.maximum(amounts, 0.0))
 
-    @property
-    def hardest_pull(self) -> tuple[float, int] | None:
-        """Largest sure force and its vehicle, if too little of that vehicle's grip is left."""
+    def count_hard_pull(self) -> tuple[float, int] | None:
+        """Largest sure force and its vehicle, if too little of that vehicle's grip is left.
+
+        Called once a period: the force must last for `SURE_PERIODS`.
+        """
         sure = self.sure_forces
         hardest = int(sure.argmax())
         share = EASED_GRIP_SHARE if self._waits else USABLE_GRIP_SHARE

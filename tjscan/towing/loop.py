@@ -368,7 +368,7 @@ class CableTow:
             v, why = next(iter(lost.items()))
             return WaitingReason(f"the pose of vehicle {v + 1} is lost: {why}")
         waiting = self._standing.reason_to_wait(estimate.poses, self._last)
-        if waiting is None and (pull := self._grip.hardest_pull):
+        if waiting is None and (pull := self._grip.count_hard_pull()):
             force, v = pull
             most = self._setting.vehicle_force
             name = "the welder" if v == len(self._followers) - 1 else f"vehicle {v + 1}"

@@ -270,8 +270,7 @@ class SimulatedBody:
             most = self._settings.drives.braking * period
             self._speeds = self._speeds - np.clip(self._speeds, -most, most)
         else:
-            half = self._tracks.gauge * twist.turn_rate / 2
-            self._follow_speeds(np.array((twist.speed + half, twist.speed - half)), period)
+            self._follow_speeds(self._tracks.track_speeds(twist), period)
         left, right = self._speeds.tolist()
         self.plant.advance(grip * left, grip * right, period)
         self.time += period

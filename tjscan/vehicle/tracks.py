@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import cos, sin
 from typing import Annotated, Protocol
 
+import numpy as np
 from annotated_types import Ge, Le
 
 from tjscan.core.frames import Array, readonly_copy
@@ -30,6 +31,11 @@ class TrackGeometry(SettingsTable):
 
     sprocket_radius: Annotated[float, Ge(5), Le(500), MM] = 0.05
     gauge: Annotated[float, Ge(50), Le(5000), MM] = 0.4
+
+    def track_speeds(self, twist: Twist) -> Array:
+        """Speeds of the vehicle over its left and right track, m/s, shape (2,), without slip."""
+        half = self.gauge * twist.turn_rate / 2
+        return np.array((twist.speed + half, twist.speed - half))
 
     def motor_rates(self, twist: Twist) -> tuple[float, float]:
         """Rates of the left and right sprocket, rad/s, that a twist asks for; eq. (10)."""

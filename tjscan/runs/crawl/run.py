@@ -47,7 +47,7 @@ from tjscan.crawler.slip_calibration import (
     write_slip_calibration,
 )
 from tjscan.crawler.slip_estimator import SlipEstimate, SlipStateIndex
-from tjscan.crawler.torch_trace import TorchTracer
+from tjscan.crawler.torch_trace import TRACED_PHASES, TorchTracer
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.foxglove import event_log_message
@@ -425,9 +425,6 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
 
 REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
 """Keys of what an estimator makes of a crawl, not of how it was done."""
-
-TRACED_PHASES: Final = frozenset({Phase.READY, Phase.MANUAL, Phase.STOP})
-"""Phases at whose beginning it is known where the torch was in the pass before."""
 
 TimedMessage = tuple[int, Topic[Any], Any]
 
