@@ -297,10 +297,10 @@ def _sweep_from_start(
             PlanInputs(plan.held_poses, pose, SEAM_SWEEP_STEP_SECONDS, plan, obstacles)
         )
         plans.append(plan)
-        if plan.halt:
+        if plan.halt or plan.retreat:
             break
         reached = float(along)
-    return SeamSweep(start, seam.length, reached, plan.halt, tuple(plans))
+    return SeamSweep(start, seam.length, reached, plan.halt or plan.retreat, tuple(plans))
 
 
 def _refuse_beyond_reach(seam: Seam, length: float, root: tuple[float, float]) -> None:
