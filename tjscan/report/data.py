@@ -24,7 +24,7 @@ from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, S
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.summary import ScanSummary, StitchingReport, read_stitching_report, read_summary
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.tasks import report_chapters
+from tjscan.runs.tasks import ALL_TASKS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,5 +234,5 @@ def _compare_with_reference(
 
 
 def _read_station_run(name: str, directory: Path) -> StationRunData:
-    chapters = tuple(write(directory) for write in report_chapters().values())
+    chapters = tuple(task.load("chapter")(directory) for task in ALL_TASKS)
     return StationRunData(name, read_summary(directory / SUMMARY_FILE), chapters)
