@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
@@ -132,23 +133,18 @@ def _make_gige_laser(
     return ScanControlLaser(settings, inputs.carrier.time)
 
 
-SIMULATED_DRIVER: Final = LaserDriverFactory(_make_simulated_laser, kind=DriverKind.SIMULATED)
-REPLAY_DRIVER: Final = LaserDriverFactory(_make_replayed_laser, kind=DriverKind.REPLAYED)
+_gige_driver: Final = partial(
+    LaserDriverFactory, _make_gige_laser, extra="genicam", client="viva_genicam"
+)
 
-GENICAM_DRIVER: Final = LaserDriverFactory(_make_gige_laser, GenicamSettings)
-SCANCONTROL_DRIVER: Final = LaserDriverFactory(_make_gige_laser, ScanControlSettings)
-
-LASER_DRIVERS: Final[DriverRegistry[LaserDriverFactory]] = DriverRegistry(
+LASER_DRIVERS: Final = DriverRegistry(
     "laser",
     {
-        "simulated": "tjscan.laser.drivers:SIMULATED_DRIVER",
-        "replay": "tjscan.laser.drivers:REPLAY_DRIVER",
-        "genicam": "tjscan.laser.drivers:GENICAM_DRIVER",
-        "scancontrol": "tjscan.laser.drivers:SCANCONTROL_DRIVER",
+        "simulated": LaserDriverFactory(_make_simulated_laser, kind=DriverKind.SIMULATED),
+        "replay": LaserDriverFactory(_make_replayed_laser, kind=DriverKind.REPLAYED),
+        "genicam": _gige_driver(GenicamSettings),
+        "scancontrol": _gige_driver(ScanControlSettings),
     },
-    extras={"genicam": "genicam", "scancontrol": "genicam"},
-    clients={"genicam": "viva_genicam", "scancontrol": "viva_genicam"},
     key="laser.driver",
-    type=DriverFactory,
 )
 """Every laser driver by name."""

@@ -92,24 +92,19 @@ def _make_mqtt_vehicle(inputs: VehicleDriverInputs, settings: MqttSettings) -> V
     return MqttVehicle(settings)
 
 
-SIMULATED_DRIVER: Final = VehicleDriverFactory(
-    _make_simulated_vehicle, kind=DriverKind.SIMULATED, truth=methodcaller("true_pose")
-)
-REPLAY_DRIVER: Final = VehicleDriverFactory(
-    lambda inputs, settings: ReplayedVehicle(inputs.recording()), kind=DriverKind.REPLAYED
-)
-MQTT_DRIVER: Final = VehicleDriverFactory(
-    _make_mqtt_vehicle, MqttSettings, truth=methodcaller("true_pose")
-)
-
-VEHICLE_DRIVERS: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
+VEHICLE_DRIVERS: Final = DriverRegistry(
     "vehicle",
     {
-        "simulated": "tjscan.vehicle.drivers:SIMULATED_DRIVER",
-        "replay": "tjscan.vehicle.drivers:REPLAY_DRIVER",
-        "mqtt": "tjscan.vehicle.drivers:MQTT_DRIVER",
+        "simulated": VehicleDriverFactory(
+            _make_simulated_vehicle, kind=DriverKind.SIMULATED, truth=methodcaller("true_pose")
+        ),
+        "replay": VehicleDriverFactory(
+            lambda inputs, settings: ReplayedVehicle(inputs.recording()), kind=DriverKind.REPLAYED
+        ),
+        "mqtt": VehicleDriverFactory(
+            _make_mqtt_vehicle, MqttSettings, extra="vehicle", truth=methodcaller("true_pose")
+        ),
     },
-    extras={"mqtt": "vehicle"},
     key="vehicle.driver",
     type=VehicleDriverFactory,
 )
@@ -140,9 +135,7 @@ class LocalisationInputs:
     )
 
 
-@dataclass(frozen=True)
-class LocalisationDriverFactory(DriverFactory[LocalisationInputs, Localisation]):
-    """How a localisation's driver makes it from a job file; see `DriverFactory`."""
+LocalisationDriverFactory = DriverFactory[LocalisationInputs, Localisation]
 
 
 def _make_simulated_localisation(inputs: LocalisationInputs, settings: NoSettings) -> Localisation:
@@ -163,21 +156,16 @@ def _make_mqtt_localisation(
     return MqttLocalisation(settings, inputs.vehicles)
 
 
-SIMULATED_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
-    _make_simulated_localisation, kind=DriverKind.SIMULATED
-)
-MQTT_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
-    _make_mqtt_localisation, MqttLocalisationSettings
-)
-
-LOCALISATION_DRIVERS: Final[DriverRegistry[LocalisationDriverFactory]] = DriverRegistry(
+LOCALISATION_DRIVERS: Final = DriverRegistry(
     "localisation",
     {
-        "simulated": "tjscan.vehicle.drivers:SIMULATED_LOCALISATION_DRIVER",
-        "mqtt": "tjscan.vehicle.drivers:MQTT_LOCALISATION_DRIVER",
+        "simulated": LocalisationDriverFactory(
+            _make_simulated_localisation, kind=DriverKind.SIMULATED
+        ),
+        "mqtt": LocalisationDriverFactory(
+            _make_mqtt_localisation, MqttLocalisationSettings, extra="vehicle"
+        ),
     },
-    extras={"mqtt": "vehicle"},
     key="localisation.driver",
-    type=LocalisationDriverFactory,
 )
 """Every localisation by name."""

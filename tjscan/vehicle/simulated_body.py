@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import exp, inf, radians
+from math import exp, inf
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -12,20 +12,19 @@ from annotated_types import Ge, Gt, Le, Len
 from tjscan.core.frames import Array, pose, readonly_copy, rot_z
 from tjscan.core.units import (
     DEG,
+    DEG_S,
     LIST_OR_WORD_IN_FILE,
     MM,
     MM_S,
     MM_S2,
+    PERCENT_UNIT,
     SECONDS,
-    FileUnit,
     SettingsTable,
 )
 from tjscan.vehicle.pad_plant import PadPlant, PadSettings
 from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings, TrackLoad
 from tjscan.vehicle.tracks import TrackGeometry, VehiclePlant
 from tjscan.vehicle.vehicle import Twist, VehicleState
-
-PERCENT_UNIT: Final = FileUnit("percent", 0.01)
 
 Millimetres = Annotated[float, Ge(-1e6), Le(1e6)]
 
@@ -147,9 +146,6 @@ class DriveSettings(SettingsTable):
     lag: Annotated[float, Ge(0), Le(10), SECONDS] = 0.05
     acceleration: Annotated[float, Gt(0), Le(1e5), MM_S2] = 0.5
     braking: Annotated[float, Gt(0), Le(1e5), MM_S2] = 2.0
-
-
-DEG_S: Final = FileUnit("deg_s", radians(1.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -170,11 +170,9 @@ def _mqtt_team(job: TowJob) -> ConnectedTeam:
     from tjscan.vehicle.drivers import VEHICLE_DRIVERS
     from tjscan.vehicle.paced_team import PacedTeam
 
-    with VEHICLE_DRIVERS.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt.vehicle import MqttVehicle
     link = job.vehicles.mqtt
-    prefixes = [f"{link.prefix}/{number}" for number in range(1, job.vehicles.count + 1)]
-    return PacedTeam([MqttVehicle(replace(link, prefix=prefix)) for prefix in prefixes])
+    each = (replace(link, prefix=f"{link.prefix}/{k + 1}") for k in range(job.vehicles.count))
+    return PacedTeam([VEHICLE_DRIVERS.make("mqtt", None, settings) for settings in each])
 
 
 def _make_truth(world: TowingWorld) -> TowTruth:

@@ -10,7 +10,7 @@ from typing import Final, Generic, Self, TypeVar
 
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import LaserFault, LaserNotResponding, ProfileFormatRefused, WrongLaser
-from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
+from tjscan.core.process import ClientProcess
 from tjscan.laser.genicam.messages import (
     ConnectedLaser,
     HostInterval,
@@ -74,8 +74,10 @@ class GigeLaser(ABC, Generic[S]):
         ProfileFormatRefused
             If its numbers can't be turned into millimetres.
         """
-        table = self.settings
-        self._process, limit = ClientProcess("tjscan.laser.genicam.client"), table.connect_limit
+        self._process = ClientProcess(
+            "tjscan.laser.genicam.client", "the laser", LaserNotResponding, LaserNotResponding
+        )
+        table, limit = self.settings, self.settings.connect_limit
         try:
             self._laser = self._ask_client(ConnectedLaser, "connect", table, limit=limit)
             self._check_identity(self._laser.identity)
@@ -187,18 +189,7 @@ class GigeLaser(ABC, Generic[S]):
         LaserFault
             What the method raised.
         """
-        try:
-            answer = self._client.ask(name, *arguments, limit=limit)
-        except ClientClosed:
-            message = "the connection to the laser has ended. Connect again."
-            raise LaserNotResponding(message) from None
-        except ClientDied as died:
-            raise LaserNotResponding(f"the laser's client has ended.{died} Start again.") from None
-        except ClientSilent:
-            raise LaserNotResponding(
-                f"the laser did not answer within {limit:.2g} s ({name}). See that it is on and "
-                "its network cable sits, then start again."
-            ) from None
+        answer = self._client.ask(name, *arguments, limit=limit)
         if isinstance(answer.failure, LaserFault):
             raise answer.failure
         if not isinstance(answer.value, kind):

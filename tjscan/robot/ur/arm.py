@@ -17,16 +17,8 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from tjscan.core import pose_vector
+from tjscan.core import errors, pose_vector
 from tjscan.core.devices import DeviceBase, EventListener
-from tjscan.core.errors import (
-    ArmBusy,
-    ArmFault,
-    ArmNotConnected,
-    ConfigurationError,
-    ProgramStopped,
-    RegistersInUse,
-)
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.kinematics import Kinematics
@@ -86,7 +78,9 @@ def connect_to_controller(
     try:
         _begin_session(session, kinematics)
     except BaseException as error:
-        if session.fault is None and not isinstance(error, (RegistersInUse, ArmNotConnected)):
+        if session.fault is None and not isinstance(
+            error, (errors.RegistersInUse, errors.ArmNotConnected)
+        ):
             session.stop_program(error)  # ours runs, or may
         session.disconnect()
         raise
@@ -124,7 +118,7 @@ def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -
         if dashboard.ask_value("running").lower() != "true":
             return
         if late:
-            raise ArmBusy(
+            raise errors.ArmBusy(
                 "another program runs on the arm's controller. End it on the pendant, or end "
                 "the program that sent it, then start again."
             )
@@ -137,7 +131,7 @@ def _await_control_script(session: ControllerSession) -> None:
         fault = fault_from_state(now)
         if fault is None:
             return
-        if late or not isinstance(fault, ProgramStopped):
+        if late or not isinstance(fault, errors.ProgramStopped):
             raise fault
 
 
@@ -176,7 +170,7 @@ def _check_arm_model(session: ControllerSession, kinematics: Kinematics) -> None
     state = session.arm_state()
     apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
     if apart > OTHER_ARM_DISTANCE:
-        raise ConfigurationError(
+        raise errors.ConfigurationError(
             f"the controller has its flange {1e3 * apart:.0f} mm from where a "
             f"{kinematics.name} with these joint angles has it: name the "
             "right arm, or check the mounting in its installation",
@@ -184,8 +178,8 @@ def _check_arm_model(session: ControllerSession, kinematics: Kinematics) -> None
         )
 
 
-def _setting_ignored_error(what: str, wanted: str, found: object) -> ArmFault:
-    return ArmFault(
+def _setting_ignored_error(what: str, wanted: str, found: object) -> errors.ArmFault:
+    return errors.ArmFault(
         f"the controller was asked to set its {what} to {wanted} and reports {found}. See "
         "that no other program works with it, then start again."
     )
@@ -316,7 +310,7 @@ class UrArm(DeviceBase):
     @property
     def _connected_session(self) -> ControllerSession:
         if self._session is None:
-            raise ArmFault("the arm is not connected: use it inside a 'with' block")
+            raise errors.ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
 
     def _execute_move(

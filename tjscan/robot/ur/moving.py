@@ -16,15 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import pose_vector
-from tjscan.core.errors import (
-    ArmFault,
-    ArmNotConnected,
-    ArmNotResponding,
-    PoseNotReached,
-    ProgramStopped,
-    TargetRefused,
-)
+from tjscan.core import errors, pose_vector
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
@@ -85,7 +77,7 @@ def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Arra
     q = np.array(session.call_client_method(list, "inverse", tcp, tuple(goal.tolist())))
     if q.shape != goal.shape or np.abs(q - goal).max() > OTHER_CONFIGURATION_ANGLE:
         session.read_state()  # the true reason, if the arm is not well
-        raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
+        raise errors.TargetRefused("it finds no configuration near the one planned.", T_b_f)
     speed, acceleration = _speed_and_acceleration(path, float(np.abs(goal - path.q[0]).max()))
     limited = min(speed, LARGEST_JOINT_SPEED), min(acceleration, LARGEST_JOINT_ACCELERATION)
     return ("move_joint", tuple(q.tolist()), *limited)
@@ -99,7 +91,7 @@ def _turn_on_spot_command(
     places = np.array([kinematics.forward(q)[:3, 3] for q in straight])
     if np.linalg.norm(places - places[0], axis=1).max() > LARGEST_FLANGE_SWING:
         message = "a turn this wide on the spot would swing the flange aside; turn in parts."
-        raise TargetRefused(message, T_b_f)
+        raise errors.TargetRefused(message, T_b_f)
     return joint_command(session, path, T_b_f)
 
 
@@ -148,7 +140,7 @@ def check_target_is_safe(session: ControllerSession, T_b_f: Array) -> None:
     session.check_commands_are_answered()
     if not session.call_client_method(bool, "pose_is_safe", target):
         session.read_state()
-        raise TargetRefused(
+        raise errors.TargetRefused(
             "that is outside the safety limits set on its pendant. Look at its safety "
             "planes and joint limits, or move the base.",
             T_b_f,
@@ -173,7 +165,7 @@ def execute_move(session: ControllerSession, command: MoveCommand, T_b_f: Array)
         if not begun:
             session.read_state()
             session.check_commands_are_answered()
-            raise TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
+            raise errors.TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
         _follow_move_to_its_end(session, before)
     except BaseException:
         session.stop_move()
@@ -186,14 +178,16 @@ def _follow_move_to_its_end(session: ControllerSession, before: ControllerState)
         stopping = session.latch.wait_for_stop(POLL_PERIOD)
         now, moment = session.read_state(supervising_move=True), time.monotonic()
         if stopping:
-            raise ArmFault(
+            raise errors.ArmFault(
                 "the arm was stopped on its way. See that the way is clear, then move again "
                 "from where it is."
             )
         session.ensure_dashboard_connected()
         if now.operation == before.operation:
             if moment > began + MOVE_START_LIMIT:
-                fault = ProgramStopped("the controller accepted a move and does not begin it.")
+                fault = errors.ProgramStopped(
+                    "the controller accepted a move and does not begin it."
+                )
                 raise session.end_for_fault(fault)
         elif not now.moving:
             return
@@ -202,7 +196,7 @@ def _follow_move_to_its_end(session: ControllerSession, before: ControllerState)
             moved, last = moment, q
         if moment > moved + STALL_TIMEOUT:
             raise session.end_for_fault(
-                ArmNotResponding(
+                errors.ArmNotResponding(
                     f"the arm does not move for {STALL_TIMEOUT:g} s in the middle of a move. See "
                     "that the speed slider on its pendant is not at zero, then start again."
                 )
@@ -229,7 +223,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
             return state
         if newer and time.monotonic() > limit:
             raise session.end_for_fault(
-                PoseNotReached(
+                errors.PoseNotReached(
                     f"it is {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from "
                     "there. See that the payload is right and nothing holds the arm, then start "
                     "again.",
@@ -308,14 +302,16 @@ def run_program(
         started()
         while session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING:
             if session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD):
-                raise ArmFault("the program was stopped on its way. See that the way is clear.")
+                raise errors.ArmFault(
+                    "the program was stopped on its way. See that the way is clear."
+                )
             session.ensure_dashboard_connected()
         _check_program_end_pose(session, program.T_b_tcp)
     except BaseException as error:
         session.stop_program(error)
         try:
             _send_script(session, program.leave)
-        except ArmFault as unsent:
+        except errors.ArmFault as unsent:
             error.add_note(f"What is more, its outputs could not be reset: {unsent}")
         raise
 
@@ -328,7 +324,7 @@ def _send_script(session: ControllerSession, script: str) -> None:
             # Some controllers drop what they have not read when the link closes.
             time.sleep(4 * PROGRAM_LOOK_PERIOD)
     except OSError as error:
-        raise ArmNotConnected(
+        raise errors.ArmNotConnected(
             f"the controller at {host} takes no programs (port {SECONDARY_PORT}: "
             f"{error.strerror or error}). See that the interface is enabled in its security "
             "settings."
@@ -341,7 +337,7 @@ def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
     while (session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING) != runs:
         if time.monotonic() > limit:
             verb = "begin the program" if runs else "end the program before"
-            raise ProgramStopped(f"the controller does not {verb}. Read its log.")
+            raise errors.ProgramStopped(f"the controller does not {verb}. Read its log.")
         session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD)
 
 
@@ -349,7 +345,7 @@ def _check_program_end_pose(session: ControllerSession, T_b_tcp: Array) -> None:
     there = pose_vector.pose_from_vector(np.array(session.read_state(beside_program=True).tcp))
     distance, angle, near = session.settings.compare_with_wanted_pose(there, T_b_tcp)
     if not near:
-        raise PoseNotReached(
+        raise errors.PoseNotReached(
             f"the program ended {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} deg from where "
             "it leads: it was stopped on its way, by a person or by the controller, whose log then "
             "states why.",

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import isfinite, radians
-from typing import Annotated, Final
+from math import isfinite
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
-from tjscan.core.units import KG, MM, MM_S, MM_S2, SECONDS, FileUnit, SettingsTable
-
-NEWTON_UNIT: Final = FileUnit("n")
-DEG_S: Final = FileUnit("deg_s", radians(1.0))
+from tjscan.core.units import DEG_S, KG, MM, MM_S, MM_S2, NEWTON, SECONDS, SettingsTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +110,7 @@ class TowingVehicleModel(SettingsTable):
     body_radius: Annotated[float, Gt(0), Le(1e4), MM] = 0.15
     body_height: Annotated[float, Gt(0), Le(1e4), MM] = 0.10
     grip: Annotated[float, Gt(0), Le(10)] = 0.50
-    force: Annotated[float, Gt(0), Le(1e5), NEWTON_UNIT] = 60.0
+    force: Annotated[float, Gt(0), Le(1e5), NEWTON] = 60.0
     top_speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.3
     top_turn_rate: Annotated[float, Gt(0), Le(720), DEG_S] = 1.0
     lag: Annotated[float, Ge(0), Le(10), SECONDS] = 0.05
