@@ -371,10 +371,6 @@ def check_certainty(covariance: Array) -> None:
         )
 
 
-VERIFICATION_FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to reject a good calibration."""
-
-
 @dataclass(frozen=True, slots=True)
 class Verification:
     """How well a fresh line agrees with what a calibration predicts.
@@ -436,12 +432,10 @@ def verify_with_fresh_line(
         float(r[1]),
         float(sigma[1]),
         float(misfit),
-        float(np.sqrt(chdtri(2, VERIFICATION_FALSE_ALARM_PROBABILITY) / 2)),
+        float(np.sqrt(chdtri(2, refine.FALSE_ALARM_PROBABILITY) / 2)),
     )
 
 
-MISREAD_FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to refuse poses that were read as they were meant."""
 MAX_REFINED_STARTS: Final = 2
 """The nearest ones, for each other hypothesis about the poses."""
 MAX_VARIANCE_SCALE: Final = 9.0
@@ -563,7 +557,7 @@ def _likelihood_cost(estimate: LeastSquaresEstimate) -> float:
 
 def _likelihood_limit(count: int) -> float:
     """Limit of twice the logarithm of likelihoods for the best of so many."""
-    return float(2 * np.log(count / MISREAD_FALSE_ALARM_PROBABILITY))
+    return float(2 * np.log(count / refine.FALSE_ALARM_PROBABILITY))
 
 
 def poses_by_other_conventions(T_b_f: Array) -> dict[str, Array]:

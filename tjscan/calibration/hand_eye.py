@@ -13,7 +13,7 @@ from tjscan.calibration import checks
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
-from tjscan.calibration.solve.refine import laser_response_of_estimate
+from tjscan.calibration.solve.refine import FALSE_ALARM_PROBABILITY, laser_response_of_estimate
 from tjscan.calibration.solve.solution import CalibrationProblem, SensorSolution, Targets
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget
 from tjscan.calibration.targets.line import stack_lines
@@ -22,8 +22,6 @@ from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
-RADIUS_FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to refuse a ball whose radius is as stated."""
 SENSOR_LINEARITY: Final = 1e-3
 """Share by which lengths in a profile may be off, as data sheets of such sensors state it. A
 radius read by the sensor is not known better."""
@@ -155,7 +153,7 @@ def _check_radius(targets: Targets, solution: SensorSolution) -> MeasuredRadius:
     variance = estimate.variance_scale * estimate.covariance[6:, 6:][at, at][3, 3]
     variance += (SENSOR_LINEARITY * radius) ** 2
     sigma = float(np.sqrt(variance))
-    limit = float(-ndtri(RADIUS_FALSE_ALARM_PROBABILITY / 2)) * sigma
+    limit = float(-ndtri(FALSE_ALARM_PROBABILITY / 2)) * sigma
     if stated is not None and abs(radius - stated) > limit:
         raise CalibrationRefused(
             "a ball of another radius than stated",

@@ -54,16 +54,14 @@ class NoiseModel(SettingsTable):
     geometry: Annotated[float, Ge(0), MM] = 300e-6
 
     def __post_init__(self) -> None:
-        numbers = (self.range, self.position, self.rotation, self.touch)
-        if not all(np.isfinite(v) and v > 0 for v in numbers):
+        sigmas = np.array((self.range, self.position, self.rotation, self.touch))
+        others = np.array((self.geometry, self.correlation))
+        if not (np.isfinite((*sigmas, *others)).all() and sigmas.min() > 0 <= others.min()):
             raise ValueError(
-                "every standard deviation must be finite and positive: a measurement without "
-                "error has infinite weight"
+                "every standard deviation must be finite and positive: a measurement without error "
+                "has infinite weight; the arm's geometry error and the correlation, a number of "
+                "columns, must be finite, zero or more"
             )
-        if not (np.isfinite(self.geometry) and self.geometry >= 0):
-            raise ValueError("the arm's geometry error is a number of metres, zero or more")
-        if not (np.isfinite(self.correlation) and self.correlation >= 0):
-            raise ValueError("the correlation is a number of columns, zero or more")
 
     @property
     def mean_variance_inflation(self) -> float:

@@ -271,10 +271,7 @@ class SimulatedLaser(LocalDevice):
         of its kind it is.
     """
 
-    not_connected = (
-        LaserFault,
-        "the simulated laser is not connected: capture inside a `with` block",
-    )
+    not_connected = (LaserFault, "the laser is not connected: capture inside a `with` block")
 
     def __init__(
         self,

@@ -210,7 +210,7 @@ SOLVER_TOLERANCES: Final = {"xtol": 1e-12, "ftol": 1e-14}
 CONVERGENCE_SIGMAS: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
 FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to blame any profile, the noise model or the geometry, although all are as stated."""
+"""Probability to blame what is as stated: a profile, noise, geometry, a radius or the poses."""
 MIN_PROFILE_REDUNDANCY: Final = 1e-6
 """A profile that leaves itself less than this share of dof can't be checked by the others."""
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, frozen_arrays, readonly_copy
+from tjscan.core.frames import Array, Mask, array_dataclass, readonly_copy
 from tjscan.vehicle.cable.model import TowingVehicleModel, TowingWorldModel
 from tjscan.vehicle.cable.plant import TIME_STEP, CablePlant
 from tjscan.vehicle.pad_plant import GRAVITY_M_S2
@@ -49,7 +47,7 @@ class OmnidirectionalDrives:
     def forces(
         self,
         commanded: Array,
-        braked: NDArray[np.bool_],
+        braked: Mask,
         headings: Array,
         speeds: Array,
         drift: Array,
@@ -91,7 +89,7 @@ class OmnidirectionalDrives:
         self.wheels = np.where(spins, self.wanted, _turn_velocities(speeds - drift, -headings))
         return given
 
-    def _follow_commands(self, commanded: Array, braked: NDArray[np.bool_], period: float) -> None:
+    def _follow_commands(self, commanded: Array, braked: Mask, period: float) -> None:
         m = self._model
         along = np.linalg.norm(commanded[:, :2], axis=1, keepdims=True)
         limited = commanded * np.minimum(1.0, m.top_speed / np.maximum(along, 1e-12))
@@ -126,8 +124,7 @@ PUSH_TIME: Final = 0.5
 JAMMED_WHEELS_FAULT: Final = "wheels: jammed"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class TowingTruth:
     """What is true in a simulated world, and no algorithm may see.
 
