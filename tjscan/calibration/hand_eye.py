@@ -121,7 +121,7 @@ def calibrate_on_targets(
     residuals = checks.sample_residuals(problem.names, estimate, solution.settled)
     excess = checks.check_residuals(estimate, residuals)
     covariance = excess**2 * estimate.covariance
-    checks.check_certainty(covariance[:6, :6])
+    checks.check_result_certainty(covariance[:6, :6])
     closed_form = None
     if touched is not None and len(targets) == 1:
         closed_form = solve_closed_form(stack_lines(T_b_f, targets[0].fits), touched.plane)
@@ -175,7 +175,7 @@ def _check_condition(T_b_f: Array, solution: SensorSolution, R_guess: Array | No
     u_f = plane.u @ T_b_f[estimate.used, :3, :3]
     equations = rotation_equations(first.lines, plane.u)[estimate.used]
     condition = checks.check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
-    if not first.target.was_touched:
+    if not first.target.is_place_known:
         checks.check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
     return condition
 

@@ -72,7 +72,7 @@ class NoiseModel(SettingsTable):
         return float(1 + 2 * np.exp(-((lags / self.correlation) ** 2)).sum())
 
 
-ARM_REACH: Final = 0.7
+TYPICAL_FLANGE_LEVER: Final = 0.7
 """Metres from a joint to the flange, typically: the flange moves by this times the change of a
 joint's angle, and an error of its position over this is the error of its orientation."""
 
@@ -93,7 +93,8 @@ def geometry_error_correlation(T_b_f: Array) -> Array:
     -----
     Errors of lengths, twists and zeros of joints move the flange by sums of sines and cosines of
     the joints' angles. With random amplitudes a sin q + b cos q correlates over a
-    change of q as its cosine, near ``exp(-q² / 2)``: over one radian, or `ARM_REACH` metres.
+    change of q as its cosine, near ``exp(-q² / 2)``: over one radian, or `TYPICAL_FLANGE_LEVER`
+    metres.
     """
     p = T_b_f[:, :3, 3]
     metres = np.linalg.norm(p[:, None] - p, axis=2)
@@ -101,7 +102,7 @@ def geometry_error_correlation(T_b_f: Array) -> Array:
     # |R_i - R_j|² = 8 sin²(angle / 2), also where the angle is tiny.
     chord = np.linalg.norm(R[:, None] - R, axis=(2, 3))
     radians = 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1.0))
-    return np.asarray(np.exp(-0.5 * ((metres / ARM_REACH) ** 2 + radians**2)))
+    return np.asarray(np.exp(-0.5 * ((metres / TYPICAL_FLANGE_LEVER) ** 2 + radians**2)))
 
 
 def geometry_error_covariance(by_arm: Array, correlation: Array) -> Array:
@@ -114,5 +115,5 @@ def geometry_error_covariance(by_arm: Array, correlation: Array) -> Array:
     correlation : ndarray, shape (N, N)
         Of the error between the poses of the residuals.
     """
-    scaled = by_arm / np.repeat((1.0, ARM_REACH), 3)
+    scaled = by_arm / np.repeat((1.0, TYPICAL_FLANGE_LEVER), 3)
     return np.asarray(correlation * (scaled @ scaled.T))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tjscan.laser.profile import Profile
     from tjscan.laser.replay import RecordedPoses
 
-LASER_NOISE_STREAM: Final = 1
+LASER_NOISE_RANDOM_STREAM: Final = 1
 """Keeps the random numbers of the laser apart from the arm's, which has the bare seed."""
 
 
@@ -110,7 +110,7 @@ def _make_simulated_laser(context: LaserDriverInputs, settings: NoSettings) -> L
         # The true pose of the laser, not the one that the arm reports.
         pose=lambda: T_j_b @ carrier.truth() @ T_f_s,
         model=context.model,
-        rng=np.random.default_rng([context.seed, LASER_NOISE_STREAM]),
+        rng=np.random.default_rng([context.seed, LASER_NOISE_RANDOM_STREAM]),
         clock=carrier.time,
         make=context.seed if context.model.linearity_seed is None else context.model.linearity_seed,
     )

@@ -88,7 +88,7 @@ def apply_faults(
     distance += _incidence_bias(cosine, model)
     distance -= _interreflection_pulls(hits, model)
     distance[flies], kind[flies] = flying[flies], PointOrigin.FLYER
-    kind[_columns_dropped(cosine, model, streams.dropout)] = PointOrigin.MISSING
+    kind[_columns_lost_to_grazing(cosine, model, streams.dropout)] = PointOrigin.MISSING
 
     ghosts = _columns_with_mirror_image(hits, model, streams.ghosts)
     distance[ghosts], kind[ghosts] = hits.ghost[ghosts], PointOrigin.GHOST
@@ -176,7 +176,7 @@ def _incidence_bias(cosine: Array, model: LaserModel) -> Array:
     return np.minimum(model.bias * tangent, model.bias_limit)
 
 
-def _columns_dropped(cosine: Array, model: LaserModel, rng: Generator) -> Mask:
+def _columns_lost_to_grazing(cosine: Array, model: LaserModel, rng: Generator) -> Mask:
     """Columns that lose their point to a grazing incidence."""
     ramp = (np.arccos(cosine) - model.dropout_start) / (model.dropout_end - model.dropout_start)
     return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))

@@ -185,7 +185,7 @@ class VehicleSimulationSettings(SettingsTable):
     steel: Outline = ()
 
 
-STATE_PERIOD: Final = 0.01
+VEHICLE_STATE_PERIOD: Final = 0.01
 """Seconds between states."""
 
 
@@ -249,7 +249,7 @@ class SimulatedBody:
         return not self._speeds.any()
 
     def advance(
-        self, twist: Twist | None, *, period: float = STATE_PERIOD, grip: float = 1.0
+        self, twist: Twist | None, *, period: float = VEHICLE_STATE_PERIOD, grip: float = 1.0
     ) -> VehicleState:
         """Go on by a period, and report the state then.
 
@@ -290,7 +290,7 @@ class SimulatedBody:
 
     def _read_proximity(self) -> tuple[float, ...]:
         due = self._sampled + self._settings.proximity.period
-        if self.time < due - STATE_PERIOD / 2:
+        if self.time < due - VEHICLE_STATE_PERIOD / 2:
             return ()
         self._sampled = self.time
         return self._sensors.read(self.plant.pose_w, arc_burning=self.arc_burning)

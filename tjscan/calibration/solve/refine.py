@@ -320,7 +320,7 @@ def refine_by_least_squares(
     return replace(found, geometry=model.geometry, prior_information=information)
 
 
-class ResidualModel(Protocol):
+class LeastSquaresModel(Protocol):
     """Residuals of profiles by the sensor's pose and other parameters."""
 
     def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
@@ -331,7 +331,7 @@ class ResidualModel(Protocol):
 
 
 def solve_reweighted(
-    model: ResidualModel,
+    model: LeastSquaresModel,
     base: Array,
     target: Array,
     used: Mask,
@@ -387,7 +387,7 @@ class _CachedLinearisation:
     """Whitened residuals and derivatives; the solver asks for one after the other at each step."""
 
     def __init__(
-        self, model: ResidualModel, base: Array, prior: Array, rows: Mask, L: Array
+        self, model: LeastSquaresModel, base: Array, prior: Array, rows: Mask, L: Array
     ) -> None:
         self._model, self._base, self._prior, self._rows, self._L = model, base, prior, rows, L
         self._at, self._found = np.empty(0), (np.empty(0), np.empty(0))

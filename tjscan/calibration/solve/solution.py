@@ -176,7 +176,7 @@ def _geometry_error_costs(estimate: LeastSquaresEstimate, tried: Array) -> Array
     return np.asarray(chi2 / widened + estimate.dof * np.log(widened) + volume)
 
 
-MIN_LINES: Final = 5
+MIN_HAND_EYE_PROFILES: Final = 5
 """Eq. (20) needs five lines in general position."""
 CONFIRMING_STARTS: Final = 2
 """Starts that lead to the same best place before no more are tried."""
@@ -272,11 +272,11 @@ class CalibrationProblem:
         CalibrationRefused
             If there are too few.
         """
-        if len(self.names) < MIN_LINES:
+        if len(self.names) < MIN_HAND_EYE_PROFILES:
             raise CalibrationRefused(
                 "too few lines",
-                f"{len(self.names)} were taken, at least {MIN_LINES} are needed and twelve are "
-                "good; take more, each with another tilt of the sensor",
+                f"{len(self.names)} were taken, at least {MIN_HAND_EYE_PROFILES} are needed and "
+                "twelve are good; take more, each with another tilt of the sensor",
             )
         return np.concatenate([one.T_b_f for one in self.targets if one.names])
 

@@ -30,13 +30,13 @@ from tjscan.robot.ur.messages import ControllerState, connection_fault, fault_fr
 from tjscan.robot.ur.session import ClientLibraryError, ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
 
-SETTING_TIMEOUT: Final = 2.0
+CONTROLLER_SETTING_TIMEOUT: Final = 2.0
 """Seconds within which a program starts or ends, and a value that was set is shown."""
 
 READ_BACK_TOLERANCE: Final = 1e-6
 """Metres, radians or kilograms between a value that was set and the same read back."""
 
-OTHER_ARM_DISTANCE: Final = 0.005
+WRONG_ARM_MODEL_DISTANCE: Final = 0.005
 """Metres between the flange as the controller and as the model has it, beyond calibration.
 
 Less than the clearance's default margins: what is planned on the model holds for the arm.
@@ -103,10 +103,10 @@ def _begin_session(session: ControllerSession, kinematics: Kinematics) -> None:
 
 def _polls_until_limit(latch: MotionLock) -> Iterator[bool]:
     """Let a moment pass between two polls; true once the limit is over."""
-    limit = time.monotonic() + SETTING_TIMEOUT
+    limit = time.monotonic() + CONTROLLER_SETTING_TIMEOUT
     while True:
         yield time.monotonic() > limit
-        latch.wait_for_stop(moving.POLL_PERIOD)
+        latch.wait_for_stop(moving.MOVE_POLL_PERIOD)
 
 
 def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -> None:
@@ -127,7 +127,7 @@ def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -
 def _await_control_script(session: ControllerSession) -> None:
     """Let both links show the program that was started."""
     for late in _polls_until_limit(session.latch):
-        now = session.ask_client(ControllerState, "read_state", limit=SETTING_TIMEOUT)
+        now = session.ask_client(ControllerState, "read_state", limit=CONTROLLER_SETTING_TIMEOUT)
         fault = fault_from_state(now)
         if fault is None:
             return
@@ -152,13 +152,13 @@ def _set_payload(session: ControllerSession) -> None:
     session.call_client_method(bool, "set_payload", mass, centre)
     for late in _polls_until_limit(session.latch):
         now = session.read_state()
-        if _reports_payload(now, np.array([mass, *centre])):
+        if _payload_is_set(now, np.array([mass, *centre])):
             return
         if late:
             raise _setting_ignored_error("payload", f"{mass:g} kg", now.payload)
 
 
-def _reports_payload(now: ControllerState, wanted: Array) -> bool:
+def _payload_is_set(now: ControllerState, wanted: Array) -> bool:
     """Whether the payload is the one asked for, or is not reported at all."""
     if now.payload is None or now.centre_of_gravity is None:
         return True
@@ -169,7 +169,7 @@ def _reports_payload(now: ControllerState, wanted: Array) -> bool:
 def _check_arm_model(session: ControllerSession, kinematics: Kinematics) -> None:
     state = session.arm_state()
     apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
-    if apart > OTHER_ARM_DISTANCE:
+    if apart > WRONG_ARM_MODEL_DISTANCE:
         raise errors.ConfigurationError(
             f"the controller has its flange {1e3 * apart:.0f} mm from where a "
             f"{kinematics.name} with these joint angles has it: name the "

@@ -19,13 +19,13 @@ import numpy as np
 from tjscan.robot.dh import DhParameters, compare_flange_with_model
 from tjscan.robot.kinematics import Kinematics
 
-PRIMARY_PORT: Final = 30001
+PRIMARY_INTERFACE_PORT: Final = 30001
 KINEMATICS_READ_LIMIT: Final = 2.0
 """Seconds: a controller sends ten states a second, this package with the first ones."""
 
 ROBOT_STATE_MESSAGE_TYPE: Final = 16
 KINEMATICS_INFO_PACKAGE_TYPE: Final = 5
-PACKAGE_HEAD: Final = struct.Struct(">iB")
+UR_PACKAGE_HEAD: Final = struct.Struct(">iB")
 KINEMATICS_INFO_STRUCT: Final = struct.Struct(">6I24d")
 MOST_MESSAGE_BYTES: Final = 1 << 16
 """A longer message is none."""
@@ -59,15 +59,15 @@ def read_kinematics_info(host: str, limit: float = KINEMATICS_READ_LIMIT) -> DhP
     end = time.monotonic() + limit
     try:
         with (
-            socket.create_connection((host, PRIMARY_PORT), timeout=limit) as link,
+            socket.create_connection((host, PRIMARY_INTERFACE_PORT), timeout=limit) as link,
             link.makefile("rb") as stream,
         ):
             while (left := end - time.monotonic()) > 0:
                 link.settimeout(left)
-                size, kind = PACKAGE_HEAD.unpack(stream.read(PACKAGE_HEAD.size))
-                if not PACKAGE_HEAD.size <= size <= MOST_MESSAGE_BYTES:
+                size, kind = UR_PACKAGE_HEAD.unpack(stream.read(UR_PACKAGE_HEAD.size))
+                if not UR_PACKAGE_HEAD.size <= size <= MOST_MESSAGE_BYTES:
                     break
-                body = stream.read(size - PACKAGE_HEAD.size)
+                body = stream.read(size - UR_PACKAGE_HEAD.size)
                 if (
                     kind == ROBOT_STATE_MESSAGE_TYPE
                     and (found := find_kinematics_package(body)) is not None
@@ -84,15 +84,15 @@ def find_kinematics_package(body: bytes) -> DhParameters | None:
     A package that can't be, or holds no numbers, is as good as none.
     """
     at = 0
-    while at + PACKAGE_HEAD.size <= len(body):
-        size, kind = PACKAGE_HEAD.unpack_from(body, at)
-        if size < PACKAGE_HEAD.size or at + size > len(body):
+    while at + UR_PACKAGE_HEAD.size <= len(body):
+        size, kind = UR_PACKAGE_HEAD.unpack_from(body, at)
+        if size < UR_PACKAGE_HEAD.size or at + size > len(body):
             return None
         if (
             kind == KINEMATICS_INFO_PACKAGE_TYPE
-            and size >= PACKAGE_HEAD.size + KINEMATICS_INFO_STRUCT.size
+            and size >= UR_PACKAGE_HEAD.size + KINEMATICS_INFO_STRUCT.size
         ):
-            values = KINEMATICS_INFO_STRUCT.unpack_from(body, at + PACKAGE_HEAD.size)
+            values = KINEMATICS_INFO_STRUCT.unpack_from(body, at + UR_PACKAGE_HEAD.size)
             numbers = np.array(values[6:]).reshape(4, 6)
             if not np.isfinite(numbers).all():
                 return None

@@ -24,7 +24,7 @@ from tjscan.robot.path import JointTrajectory
 from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD, ControllerState
 from tjscan.robot.ur.session import ControllerSession
 
-ZERO_LINE_LENGTH: Final = 1e-6
+SHORTEST_LINE_LENGTH: Final = 1e-6
 """Metres: a shorter line is none."""
 
 LARGEST_FLANGE_SWING: Final = 0.005
@@ -58,7 +58,7 @@ def linear_command(
     """
     end, start = (kinematics.forward(path.q[i])[:3, 3] for i in (-1, 0))
     length = float(np.linalg.norm(end - start))
-    if length < ZERO_LINE_LENGTH:
+    if length < SHORTEST_LINE_LENGTH:
         return _turn_on_spot_command(kinematics, session, path, T_b_f)
     return ("move_linear", session.active_tcp_pose(T_b_f), *_speed_and_acceleration(path, length))
 
@@ -101,16 +101,16 @@ def _speed_and_acceleration(path: JointTrajectory, length: float) -> tuple[float
     return speed, speed / path.ramp
 
 
-POLL_PERIOD: Final = 0.004
+MOVE_POLL_PERIOD: Final = 0.004
 """Seconds between two looks at a move."""
 
 MOVE_START_LIMIT: Final = 2.0
 """Seconds within which a move that was accepted begins."""
 
-STALL_TIMEOUT: Final = 10.0
+MOVE_STALL_TIMEOUT: Final = 10.0
 """Seconds for which a move may not go on: the speed slider may be at zero for a moment."""
 
-SETTLE_TIMEOUT: Final = 1.0
+ARRIVAL_SETTLE_TIMEOUT: Final = 1.0
 """Seconds the arm may take to come to rest where it was sent."""
 
 JOINT_SPEED_AT_REST: Final = 5e-3
@@ -175,7 +175,7 @@ def execute_move(session: ControllerSession, command: MoveCommand, T_b_f: Array)
 def _follow_move_to_its_end(session: ControllerSession, before: ControllerState) -> None:
     began, moved, last = time.monotonic(), time.monotonic(), np.array(before.q)
     while True:
-        stopping = session.latch.wait_for_stop(POLL_PERIOD)
+        stopping = session.latch.wait_for_stop(MOVE_POLL_PERIOD)
         now, moment = session.read_state(supervising_move=True), time.monotonic()
         if stopping:
             raise errors.ArmFault(
@@ -188,17 +188,17 @@ def _follow_move_to_its_end(session: ControllerSession, before: ControllerState)
                 fault = errors.ProgramStopped(
                     "the controller accepted a move and does not begin it."
                 )
-                raise session.end_for_fault(fault)
+                raise session.end_session_for_fault(fault)
         elif not now.moving:
             return
         q = np.array(now.q)
         if np.abs(q - last).max() > LEAST_MOVING_TURN:
             moved, last = moment, q
-        if moment > moved + STALL_TIMEOUT:
-            raise session.end_for_fault(
+        if moment > moved + MOVE_STALL_TIMEOUT:
+            raise session.end_session_for_fault(
                 errors.ArmNotResponding(
-                    f"the arm does not move for {STALL_TIMEOUT:g} s in the middle of a move. See "
-                    "that the speed slider on its pendant is not at zero, then start again."
+                    f"the arm does not move for {MOVE_STALL_TIMEOUT:g} s in the middle of a move. "
+                    "See that the speed slider on its pendant is not at zero, then start again."
                 )
             )
 
@@ -212,7 +212,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         If it is not where it was sent. The session has ended then: what holds an arm off
         its place, or moves it, would do so again, and what was planned from there is not so.
     """
-    limit, first = time.monotonic() + SETTLE_TIMEOUT, session.read_state().time
+    limit, first = time.monotonic() + ARRIVAL_SETTLE_TIMEOUT, session.read_state().time
     while True:
         now = session.read_state()
         # A look later than the one that saw the end: both links have the end by then.
@@ -222,7 +222,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         if rests and near:
             return state
         if newer and time.monotonic() > limit:
-            raise session.end_for_fault(
+            raise session.end_session_for_fault(
                 errors.PoseNotReached(
                     f"it is {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from "
                     "there. See that the payload is right and nothing holds the arm, then start "
@@ -231,13 +231,13 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
                     state.T_b_f,
                 )
             )
-        session.latch.wait_for_stop(POLL_PERIOD)
+        session.latch.wait_for_stop(MOVE_POLL_PERIOD)
 
 
-SECONDARY_PORT: Final = 30002
+SECONDARY_INTERFACE_PORT: Final = 30002
 """Of the secondary interface, which takes programs."""
 
-PROGRAM_LOOK_PERIOD: Final = 0.05
+PROGRAM_POLL_PERIOD: Final = 0.05
 """Seconds between two looks at a program."""
 
 WATCHDOG_STATEMENT: Final = (
@@ -301,7 +301,7 @@ def run_program(
         session.call_client_method(NoneType, "feed_foreign_watchdog")
         started()
         while session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING:
-            if session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD):
+            if session.latch.wait_for_stop(PROGRAM_POLL_PERIOD):
                 raise errors.ArmFault(
                     "the program was stopped on its way. See that the way is clear."
                 )
@@ -319,13 +319,13 @@ def run_program(
 def _send_script(session: ControllerSession, script: str) -> None:
     host = session.settings.host
     try:
-        with socket.create_connection((host, SECONDARY_PORT), MOVE_START_LIMIT) as link:
+        with socket.create_connection((host, SECONDARY_INTERFACE_PORT), MOVE_START_LIMIT) as link:
             link.sendall(f"{script.rstrip()}\n".encode())
             # Some controllers drop what they have not read when the link closes.
-            time.sleep(4 * PROGRAM_LOOK_PERIOD)
+            time.sleep(4 * PROGRAM_POLL_PERIOD)
     except OSError as error:
         raise errors.ArmNotConnected(
-            f"the controller at {host} takes no programs (port {SECONDARY_PORT}: "
+            f"the controller at {host} takes no programs (port {SECONDARY_INTERFACE_PORT}: "
             f"{error.strerror or error}). See that the interface is enabled in its security "
             "settings."
         ) from None
@@ -338,7 +338,7 @@ def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
         if time.monotonic() > limit:
             verb = "begin the program" if runs else "end the program before"
             raise errors.ProgramStopped(f"the controller does not {verb}. Read its log.")
-        session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD)
+        session.latch.wait_for_stop(PROGRAM_POLL_PERIOD)
 
 
 def _check_program_end_pose(session: ControllerSession, T_b_tcp: Array) -> None:

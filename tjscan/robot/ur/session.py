@@ -27,7 +27,7 @@ CLIENT_ANSWER_LIMIT: Final = 3.0
 MOVE_STOP_DECELERATION: Final = 2.0
 """rad/s² of the leading axis when a move is stopped."""
 
-NEXT_READING_DELAY: Final = 0.02
+NEXT_STATE_REPORT_DELAY: Final = 0.02
 """Seconds after which the controller has reported again."""
 
 ANSWER_SLACK: Final = 1.0
@@ -103,7 +103,7 @@ class ControllerSession:
             shown = replace(now, runtime_state=messages.PROGRAM_PLAYING) if beside_program else now
             fault = messages.fault_from_state(shown)
             if isinstance(fault, errors.ProgramStopped):  # blames people: confirm it first
-                time.sleep(NEXT_READING_DELAY)
+                time.sleep(NEXT_STATE_REPORT_DELAY)
                 now = self.ask_client(messages.ControllerState, name, limit=limit)
                 fault = messages.fault_from_state(now)
         except errors.ArmFault as found:
@@ -113,7 +113,7 @@ class ControllerSession:
                 f"the connection to the arm's controller broke ({failed})."
             )
         if fault is not None:
-            raise self.end_for_fault(fault)
+            raise self.end_session_for_fault(fault)
         return now
 
     def ask_client(
@@ -179,7 +179,7 @@ class ControllerSession:
         """
         if len(self.call_client_method(list, "active_tcp_offset")) != 6:
             self.read_state()  # the true reason, if the arm is not well
-            raise self.end_for_fault(
+            raise self.end_session_for_fault(
                 errors.ArmNotResponding(
                     "the arm's controller no longer carries out what it is asked. See that its "
                     "network cable sits and read its pendant's log, then start again."
@@ -211,7 +211,7 @@ class ControllerSession:
             self.dashboard.connect_again(RECONNECT_WAIT_SHARE * self.settings.silence_limit)
         except errors.ArmFault:
             self.stop_move()
-            raise self.end_for_fault(
+            raise self.end_session_for_fault(
                 errors.ArmConnectionLost(
                     f"{lost} It could not be connected again, and without it there is no second "
                     "way to stop the arm: the arm was stopped. See that its network cable sits and "
@@ -227,11 +227,11 @@ class ControllerSession:
             return self.ask_client(kind, name, *arguments)
         except ClientLibraryError as failed:
             self.read_state()  # the true reason, if the arm is not well
-            raise self.end_for_fault(
+            raise self.end_session_for_fault(
                 errors.ArmFault(f"the client library failed at {name}: {failed}. Start again.")
             ) from None
         except errors.ArmFault as fault:
-            raise self.end_for_fault(fault) from None
+            raise self.end_session_for_fault(fault) from None
 
     def stop_move(self) -> None:
         """Stop the move under way; the session goes on if the arm is well."""
@@ -242,9 +242,9 @@ class ControllerSession:
                 fault = (
                     failed if isinstance(failed, errors.ArmFault) else errors.ArmFault(str(failed))
                 )
-                self.end_for_fault(fault)
+                self.end_session_for_fault(fault)
 
-    def end_for_fault(self, fault: errors.ArmFault) -> errors.ArmFault:
+    def end_session_for_fault(self, fault: errors.ArmFault) -> errors.ArmFault:
         """End the session for a fault: stop the arm by whatever still works; returns the fault."""
         if self.fault is None:
             self.fault = self._find_cause_of_silence(fault)
