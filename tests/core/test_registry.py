@@ -12,7 +12,11 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.job.crawl.job import TORCH_DRIVERS
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
-from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, VEHICLE_DRIVERS
+from tjscan.vehicle.drivers import (
+    LOCALISATION_DRIVERS,
+    TOWING_VEHICLE_DRIVERS,
+    VEHICLE_DRIVERS,
+)
 
 PI: DriverFactory[Any, float] = DriverFactory(lambda inputs, settings: 3.14159)
 TAU: DriverFactory[Any, float] = DriverFactory(lambda inputs, settings: 6.28319)
@@ -38,7 +42,10 @@ def test_an_entry_is_loaded_when_it_is_asked_for() -> None:
 
 @pytest.mark.parametrize(
     "registry",
-    [ARM_DRIVERS, LASER_DRIVERS, VEHICLE_DRIVERS, LOCALISATION_DRIVERS, TORCH_DRIVERS],
+    [
+        *(ARM_DRIVERS, LASER_DRIVERS, VEHICLE_DRIVERS),
+        *(TOWING_VEHICLE_DRIVERS, LOCALISATION_DRIVERS, TORCH_DRIVERS),
+    ],
     ids=lambda registry: registry.device,
 )
 def test_every_driver_of_this_package_is_of_the_type_that_its_registry_holds(

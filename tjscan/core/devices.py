@@ -175,6 +175,11 @@ class DriverRegistry(Generic[F]):
         return {**{point.name: point for point in added}, **self.own}
 
     @property
+    def table_key(self) -> str:
+        """Table of a job file that names an entry."""
+        return self.key.partition(".")[0]
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of all drivers, in alphabetical order."""
         return tuple(sorted(self._entries))

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import methodcaller
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.vehicle.localisation import Localisation
-from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
+from tjscan.vehicle.mqtt.settings import (
+    MqttLocalisationSettings,
+    MqttSettings,
+    TeamMqttSettings,
+)
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 from tjscan.vehicle.replay import ReplayedVehicle
 from tjscan.vehicle.simulated import SimulatedVehicle
@@ -109,6 +113,47 @@ VEHICLE_DRIVERS: Final = DriverRegistry(
     type=VehicleDriverFactory,
 )
 """Every vehicle driver by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class TowingVehicleInputs:
+    """What the driver of a towing vehicle makes it from, beside its own settings.
+
+    Parameters
+    ----------
+    number : int
+        Its place along the cable, from 1 at the root.
+    """
+
+    number: int
+
+
+TowingVehicleDriverFactory = DriverFactory[TowingVehicleInputs, Vehicle]
+
+
+def _make_mqtt_towing_vehicle(inputs: TowingVehicleInputs, settings: TeamMqttSettings) -> Vehicle:
+    from tjscan.vehicle.mqtt.vehicle import MqttVehicle
+
+    return MqttVehicle(replace(settings, prefix=f"{settings.prefix}/{inputs.number}"))
+
+
+def _refuse_single_simulated_vehicle(inputs: TowingVehicleInputs, settings: NoSettings) -> Vehicle:
+    raise ConfigurationError("simulated vehicles share one world", key="vehicles.driver")
+
+
+TOWING_VEHICLE_DRIVERS: Final = DriverRegistry(
+    "towing-vehicle",
+    {
+        "simulated": TowingVehicleDriverFactory(
+            _refuse_single_simulated_vehicle, kind=DriverKind.SIMULATED
+        ),
+        "mqtt": TowingVehicleDriverFactory(
+            _make_mqtt_towing_vehicle, TeamMqttSettings, extra="vehicle"
+        ),
+    },
+    key="vehicles.driver",
+)
+"""Every driver of towing vehicles by name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
