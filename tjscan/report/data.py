@@ -12,7 +12,7 @@ from tjscan.comparison.compare import AlignmentMethod, Comparison, check_toleran
 from tjscan.comparison.shapes import Shape, UserUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
@@ -208,7 +208,7 @@ def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
     files = (folder / JOINT_FILE for folder in (directory, *folders))
     file = next((file for file in files if file.is_file()), None)
     if file is not None:
-        check_as_written(file)
+        check_files_unaltered(file)
     return file
 
 

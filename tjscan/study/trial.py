@@ -71,7 +71,7 @@ def canonical_json(data: Any) -> str:
 LOST_WORKER_REASON = "WorkerLost"
 """The reason of a row whose process died twice."""
 
-HIDDEN_FIELD = {"column": False}
+HIDDEN_COLUMN_METADATA = {"column": False}
 """Metadata of a field of an outcome that is no column of the table."""
 
 
