@@ -333,7 +333,7 @@ def test_the_arm_stops_when_the_program_stands_still() -> None:
             finally:
                 program.send_signal(signal.SIGCONT)
             said, _ = program.communicate()
-        assert said.count("stopped this program stood still") == 2  # the second is not begun
+        assert said.count("stopped this program paused") == 2  # the second is not begun
         assert "arrived" not in said
         assert not any(line.startswith("move") for line in loopback.unread_output())
         with arm_at(loopback.host) as arm:
@@ -456,7 +456,7 @@ def test_a_client_held_up_for_a_moment_too_long_is_told_as_that() -> None:
 
         holder = threading.Thread(target=hold_up)
         holder.start()
-        with pytest.raises(MoveSupervisionLost, match=r"stood still|was held up"):
+        with pytest.raises(MoveSupervisionLost, match=r"paused|was held up"):
             arm.move_joint_to_pose(beside_home(0.3))
         holder.join()
 

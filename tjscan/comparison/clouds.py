@@ -206,7 +206,7 @@ def _joint_shape(joint: JointDefinition, stated: UnitAndFrame) -> Shape:
 def _read_joint_sidecar(path: Path) -> Shape:
     sidecar = read_sidecar(path)
     if sidecar.joint is None:
-        raise ConfigurationError("describes no joint: name the file it stands beside", file=path)
+        raise ConfigurationError("describes no joint: name the file beside it", file=path)
     return _joint_shape(sidecar.joint, UnitAndFrame("mm", "the joint's sidecar", "j"))
 
 

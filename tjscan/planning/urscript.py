@@ -94,7 +94,7 @@ def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, ar
         f"  # wire feed is not set here; the arc is {'switched' if arc else 'never switched on'}",
         f"  set_standard_digital_out({output}, False)",
         f"  set_tcp({_pose_text(torch.tcp.T)})",
-        "  # nobody has checked the way from where the arm stands to here",
+        "  # the way from the arm's present pose to here is not checked",
         f"  movej([{joints}], a={TOOL_ACCELERATION}, v={APPROACH_JOINT_SPEED})",
     ]
     for one in path.beads:

@@ -50,7 +50,7 @@ def write_plan_page(directory: Path) -> Path:
     filled = picture.picture_from_png(
         read_small_file(directory / PICTURE, MOST_PICTURE_BYTES, "a picture"),
         "Three sections filled, speed and heat input along each bead",
-        "Beads are numbered in the order of welding. Dashed: the windows of the WPS. Where a bead "
+        "Beads are numbered in the order of welding. Dashed: the windows of the WPS. If a bead "
         "overlaps its start, s goes on beyond the groove's length.",
     )
     page = picture.load_template("plan.html.jinja").render(

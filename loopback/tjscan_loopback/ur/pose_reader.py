@@ -50,7 +50,7 @@ def read_flange_pose(host: str) -> Array:
                         raise ValueError("its pose is one number")
                     return pose_from_vector(np.array(values, dtype=float))
     except (OSError, ValueError) as error:
-        raise ArmNotConnected(f"the arm at {host} does not say where it stands: {error}") from None
+        raise ArmNotConnected(f"the arm at {host} does not report its pose: {error}") from None
 
 
 def _ask(link: socket.socket, kind: int, payload: bytes) -> None:

@@ -167,7 +167,7 @@ class ControllerSession:
             ) from None
         if answer.failure == NOT_SUPERVISED:
             raise MoveSupervisionLost(
-                "this program stood still while the arm moved, and the arm was stopped on its "
+                "this program paused while the arm moved, and the arm was stopped on its "
                 "way. See that the way is clear, and that nothing holds this computer up, then "
                 "start again."
             )
