@@ -41,7 +41,7 @@ from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import Substep
 from tjscan.scanning.target import ScanDirection
 from tjscan.study.trial import (
-    HIDDEN_FIELD,
+    HIDDEN_COLUMN_METADATA,
     ReportedQuantity,
     ResolvedRun,
     RunOutcome,
@@ -436,7 +436,7 @@ class ScanOutcome(RunOutcome):
     motion_time_s: float | None = None
     corner_mean_mm: float | None = None
     corner_p95_mm: float | None = None
-    path: FlangePath = field(default=(), metadata=HIDDEN_FIELD)
+    path: FlangePath = field(default=(), metadata=HIDDEN_COLUMN_METADATA)
 
     def __post_init__(self) -> None:
         # JSON holds lists.
