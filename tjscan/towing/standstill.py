@@ -185,11 +185,10 @@ class RunawayCheck:
             Seconds.
         """
         self._ways.append((asked, driven))
-        commanded, drove = np.sum(self._ways, axis=0)
+        sent, drove = np.sum(self._ways, axis=0)
         fastest = max(hypot(*one) for one, _ in self._ways) / period
-        off, went = hypot(*(drove - commanded)), hypot(*drove)
-        allowed = LEAST_RUNAWAY_WAY + RUNAWAY_WAY_SHARE * hypot(*commanded)
-        allowed += DRIVE_LAG * fastest
+        off, went = hypot(*(drove - sent)), hypot(*drove)
+        allowed = LEAST_RUNAWAY_WAY + RUNAWAY_WAY_SHARE * hypot(*sent) + DRIVE_LAG * fastest
         if off > allowed and went > LEAST_RUNAWAY_WAY:
             if now > self._until:
                 self._until = now + self._retry
