@@ -59,7 +59,7 @@ from tjscan.robot.ur.settings import UrSettings
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.server import RTDE_PORT
-from tjscan_loopback.ur.wire import INPUTS, PACKAGE_HEADER
+from tjscan_loopback.ur.wire import PACKAGE_HEADER, PackageKind
 
 pytest.importorskip("rtde_control")
 
@@ -194,7 +194,9 @@ def test_a_program_of_somebody_else_is_left_alone(loopback: UrLoopbackProcess) -
 def test_inputs_that_another_client_writes_are_not_taken(loopback: UrLoopbackProcess) -> None:
     names = b"input_int_register_0,input_double_register_0"
     with socket.create_connection((loopback.host, RTDE_PORT)) as other:
-        other.sendall(PACKAGE_HEADER.pack(PACKAGE_HEADER.size + len(names), INPUTS) + names)
+        other.sendall(
+            PACKAGE_HEADER.pack(PACKAGE_HEADER.size + len(names), PackageKind.INPUTS) + names
+        )
         assert b"IN_USE" not in other.recv(1 << 12)
         with pytest.raises(RegistersInUse), arm_at(loopback.host):
             pass
