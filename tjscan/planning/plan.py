@@ -66,29 +66,16 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     )
     for name, unit, values, (low, high) in checks:
         out = (values < low * (1 - LIMIT_TOLERANCE)) | (values > high * (1 + LIMIT_TOLERANCE))
-        if out.any():
-            low, high, least, most = (
-                x / unit.factor for x in (low, high, values.min(), values.max())
-            )
-            yield _make_finding(
-                bead,
-                f"{name}_{unit.suffix}",
-                out,
-                f"{least:.4g} to {most:.4g}, allowed {low:g} to {high:g}",
-            )
+        low, high, least, most = (x / unit.factor for x in (low, high, values.min(), values.max()))
+        text = f"{least:.4g} to {most:.4g}, allowed {low:g} to {high:g}"
+        yield from _findings_at(bead, f"{name}_{unit.suffix}", out, text)
     out = bead.width > wps.bead.weave_limit * (1 + LIMIT_TOLERANCE)
-    if out.any():
-        widest, limit = 1e3 * bead.width.max(), 1e3 * wps.bead.weave_limit
-        yield _make_finding(
-            bead, "bead.weave_limit_mm", out, f"{widest:.1f} wide, allowed {limit:g}"
-        )
+    text = f"{1e3 * bead.width.max():.1f} wide, allowed {1e3 * wps.bead.weave_limit:g}"
+    yield from _findings_at(bead, "bead.weave_limit_mm", out, text)
     out = ~np.isin(bead.positions, wps.sequence.positions)
-    if out.any():
-        names = sorted(set(np.array(bead.positions)[out].tolist()))
-        allowed = ", ".join(wps.sequence.positions)
-        yield _make_finding(
-            bead, "sequence.positions", out, f"{', '.join(names)}, allowed {allowed}"
-        )
+    names = sorted(set(np.array(bead.positions)[out].tolist()))
+    text = f"{', '.join(names)}, allowed {', '.join(wps.sequence.positions)}"
+    yield from _findings_at(bead, "sequence.positions", out, text)
 
 
 def findings_of_stops(
@@ -113,7 +100,7 @@ def findings_of_stops(
         if bead.length < wps.sequence.shortest_bead * (1 - LIMIT_TOLERANCE):
             text = f"{1e3 * bead.length:.0f}, allowed {1e3 * wps.sequence.shortest_bead:g} or more"
             whole = np.ones(len(bead.s), dtype=bool)
-            yield _make_finding(bead, "sequence.shortest_bead_mm", whole, text)
+            yield from _findings_at(bead, "sequence.shortest_bead_mm", whole, text)
         for end, at in enumerate((float(bead.s.min()), float(bead.s.max()))):
             seen.setdefault((bead.zone, bead.station, end, bead.layer), []).append(at)
             if stops.is_at_open_end(at):
@@ -121,14 +108,14 @@ def findings_of_stops(
             near = stops.distance_to_nearest_landmark(at)
             if near < wps.sequence.stop_distance - ZERO_SPAN:
                 text = f"a stop {1e3 * near:.0f} from crown or saddle"
-                yield _make_finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
+                yield from _findings_at(bead, "sequence.stop_distance_mm", bead.s == at, text)
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
             away = min((stops.length_between(at, other) for other in below), default=spread)
             if away < spread - ZERO_SPAN:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
-                yield _make_finding(bead, "sequence.start_spread_mm", bead.s == at, text)
+                yield from _findings_at(bead, "sequence.start_spread_mm", bead.s == at, text)
 
 
 def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsFinding]:
@@ -157,9 +144,12 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
         )
 
 
-def _make_finding(bead: PlannedBead, key: str, out: Mask, text: str) -> WpsFinding:
-    at = bead.s[out]
-    return WpsFinding(key, bead.number, float(at.min()), float(at.max()), float(out.mean()), text)
+def _findings_at(bead: PlannedBead, key: str, out: Mask, text: str) -> Iterator[WpsFinding]:
+    """The finding of a bead at those of its points that are out; none if none is."""
+    if out.any():
+        at = bead.s[out]
+        ends = float(at.min()), float(at.max())
+        yield WpsFinding(key, bead.number, *ends, float(out.mean()), text)
 
 
 @dataclass(frozen=True, slots=True)

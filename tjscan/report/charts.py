@@ -100,9 +100,7 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
     ):
         band = BAND_SIGMAS * sigma
         axes.fill_between(x, y - band, y + band, color=LASER_COLOUR, alpha=0.3, linewidth=0)
-        axes.plot(
-            x, y, linewidth=1, color=LASER_COLOUR, label="measured", **picture.LINE_WITH_DOTS_STYLE
-        )
+        picture.draw_line_with_dots(axes, x, y, LASER_COLOUR, "measured", linewidth=1)
         if design is not None:
             drawn = design[:, k] / field.unit.factor
             axes.plot(x, drawn, "--", color=DESIGN_COLOUR, linewidth=1, label="as designed")
@@ -142,7 +140,7 @@ def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
     for axes, title in zip(panels.flat, titles, strict=False):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
         for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
-            axes.plot(chart.x, chart.y, color=colour, label=name, **picture.LINE_WITH_DOTS_STYLE)
+            picture.draw_line_with_dots(axes, chart.x, chart.y, colour, name)
             if chart.nominal is not None:
                 axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
@@ -176,14 +174,7 @@ def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
     axes = figure.add_subplot()
     for k, colour in enumerate((CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)):
         name = f"$p_{k + 2}$"
-        axes.plot(
-            x[order],
-            distances[:, k],
-            linewidth=1,
-            color=colour,
-            label=name,
-            **picture.LINE_WITH_DOTS_STYLE,
-        )
+        picture.draw_line_with_dots(axes, x[order], distances[:, k], colour, name, linewidth=1)
     if (tolerance := data.comparison.tolerance) is not None:
         axes.axhline(
             1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
@@ -245,18 +236,13 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
     high_low = ""
     if data.joint is not None:
         every = section_dimensions(sections, data.joint)
-        rows = [{one.name: one.value for one in row} for row in every]
+        values = [{one.name: one.value for one in row} for row in every]
         for name, shown, colour in (
             ("high-low, brace", "brace's wall at p2", CORNER_COLOUR),
             ("high-low, leg", "leg at p4", PATH_COLOUR),
         ):
-            panels[1].plot(
-                x,
-                [row[name] for row in rows],
-                color=colour,
-                label=shown,
-                **picture.LINE_WITH_DOTS_STYLE,
-            )
+            off = [row[name] for row in values]
+            picture.draw_line_with_dots(panels[1], x, off, colour, shown)
         panels[1].axhline(0, color="grey", linewidth=0.8)
         panels[1].set_ylabel("high-low / mm")
         high_low = (

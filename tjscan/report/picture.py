@@ -42,6 +42,11 @@ class ReportPicture:
         object.__setattr__(self, "alt", self.alt or f"{self.title}.")
 
 
+def draw_line_with_dots(axes: Any, x: Any, y: Any, colour: str, label: str, **style: Any) -> None:
+    """Draw a quantity along the groove: a line, with a dot at each section."""
+    axes.plot(x, y, color=colour, label=label, **style, **LINE_WITH_DOTS_STYLE)
+
+
 def picture_from_png(content: bytes, title: str, caption: str) -> ReportPicture:
     """Make a picture of the content of a PNG file."""
     data = b64encode(content).decode("ascii")

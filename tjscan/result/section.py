@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
@@ -35,6 +36,9 @@ TakeValues = Callable[[Sequence[MeasuredSection]], Any]
 
 SINGLE_NUMBER_FIELDS: Final = ("azimuth", "work_angle", "rms", "model_probability", "root_opening")
 """Fields of a section that are a number each."""
+
+WORD_FIELDS: Final = ("conditions", "absent")
+"""Fields of a section that are several words each."""
 
 UPPER_TRIANGLE: Final = np.triu_indices(3)
 MEASURE_PAIRS: Final = np.triu_indices(4, 1)
@@ -225,7 +229,10 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     plain: dict[str, Any] = {
         **{name: float(values[name]) for name in SINGLE_NUMBER_FIELDS},
         **{name: str(values[name]) for name in ("station", "model")},
-        **{name: _split_words(values[name]) for name in ("conditions", "absent")},
+        **{
+            name: tuple(str(values[name]).split(WORD_SEPARATOR)) if values[name] else ()
+            for name in ("conditions", "absent")
+        },
     }
     return MeasuredSection(
         index=int(values["index"]),
@@ -239,13 +246,14 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     )
 
 
-def _split_words(text: str) -> tuple[str, ...]:
-    return tuple(text.split(WORD_SEPARATOR)) if text else ()
-
-
 def _text_field(name: str, meaning: str) -> SectionQuantity:
     """A text that files of earlier versions lack."""
     return SectionQuantity(name, meaning, NO_UNIT, text=True, blank=True, later=True)
+
+
+def _sigma_field(name: str, meaning: str, unit: FileUnit, **more: Any) -> SectionQuantity:
+    """Standard deviations, printed with six significant digits."""
+    return SectionQuantity(name, meaning, unit, decimals=None, least=0, **more)
 
 
 def _entry_getter(name: str, k: int) -> TakeValues:
@@ -261,12 +269,11 @@ def _correlations_getter(sections: Sequence[MeasuredSection]) -> Array:
     return np.asarray(np.clip(ratios, -1, 1))
 
 
-def _direction_getter(name: str) -> TakeValues:
-    return lambda sections: getattr(section_directions(sections), name)
-
-
 def _unit_vector_field(name: str, meaning: str, side: str) -> SectionQuantity:
-    labels, take = tuple(f"{name}_{axis}" for axis in "xyz"), _direction_getter(side)
+    def take(sections: Sequence[MeasuredSection]) -> Any:
+        return getattr(section_directions(sections), side)
+
+    labels = tuple(f"{name}_{axis}" for axis in "xyz")
     return SectionQuantity(name, meaning, NO_UNIT, take, labels, (3,), 7, -1, 1, derived=True)
 
 
@@ -288,14 +295,12 @@ MEASURE_FIELDS: Final = tuple(
 )
 """What a section measures, in the order of `MeasuredSection.measures`."""
 
+MEASURE_NAME_PAIRS: Final = tuple(combinations(MEASURE_MEANINGS, 2))
+"""Names of two measures each, in the order of `MEASURE_PAIRS`."""
+
 SIGMA_FIELDS: Final = tuple(
-    SectionQuantity(
-        f"sigma_{name}",
-        f"standard deviation of {name}",
-        unit,
-        _entry_getter("sigmas", k),
-        decimals=None,
-        least=0,
+    _sigma_field(
+        f"sigma_{name}", f"standard deviation of {name}", unit, take=_entry_getter("sigmas", k)
     )
     for k, (name, (unit, _)) in enumerate(MEASURE_MEANINGS.items())
 )
@@ -354,17 +359,10 @@ SECTION_FIELDS: Final = (
     *SIGMA_FIELDS,
     SectionQuantity(
         "correlations",
-        "of pairs of measures: "
-        + ", ".join(
-            f"{MEASURE_FIELDS[a].name} and {MEASURE_FIELDS[b].name}"
-            for a, b in zip(*MEASURE_PAIRS, strict=True)
-        ),
+        "of pairs of measures: " + ", ".join(f"{a} and {b}" for a, b in MEASURE_NAME_PAIRS),
         NO_UNIT,
         _correlations_getter,
-        tuple(
-            f"corr_{MEASURE_FIELDS[a].name}_{MEASURE_FIELDS[b].name}"
-            for a, b in zip(*MEASURE_PAIRS, strict=True)
-        ),
+        tuple(f"corr_{a}_{b}" for a, b in MEASURE_NAME_PAIRS),
         (6,),
         5,
         least=-1,
@@ -385,14 +383,12 @@ SECTION_FIELDS: Final = (
         (3, 6),
         None,
     ),
-    SectionQuantity(
+    _sigma_field(
         "corner_sigmas",
         "standard deviation of the places of p2, p3 and p4, all directions together",
         MM,
         labels=tuple(f"sigma_p{i}" for i in CORNER_NUMBERS),
         shape=(3,),
-        decimals=None,
-        least=0,
         derived=True,
     ),
     _unit_vector_field(
@@ -430,15 +426,13 @@ SECTION_FIELDS: Final = (
         blank=True,
         later=True,
     ),
-    SectionQuantity(
+    _sigma_field(
         "shared_sigmas",
         "part of corner_sigmas that all sections of a scan share: they err alike by it; see "
         "uncertainty.json",
         MM,
         labels=tuple(f"sigma_shared_p{i}" for i in CORNER_NUMBERS),
         shape=(3,),
-        decimals=None,
-        least=0,
         blank=True,
         later=True,
     ),

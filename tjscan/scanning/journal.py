@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,13 @@ class ScanEvent(StrEnum):
     FAILED = "failed"
 
 
+RETRY_EVENTS: Final = (
+    *(ScanEvent.TAKEN_AGAIN, ScanEvent.MERGED, ScanEvent.NUDGE),
+    *(ScanEvent.HALF_STEP, ScanEvent.RETREAT),
+)
+"""Events of each kind of retry, in the order of the fields of `RetryCounts`."""
+
+
 @dataclass(frozen=True, slots=True)
 class RetryCounts:
     """How often each kind of retry was made.
@@ -70,13 +77,7 @@ class RetryCounts:
     def of_events(cls, names: Iterable[str]) -> Self:
         """Count the retries among events, by their names."""
         count = Counter(names)
-        return cls(
-            taken_again=count[ScanEvent.TAKEN_AGAIN],
-            merged=count[ScanEvent.MERGED],
-            nudges=count[ScanEvent.NUDGE],
-            half_steps=count[ScanEvent.HALF_STEP],
-            retreats=count[ScanEvent.RETREAT],
-        )
+        return cls(*(count[event] for event in RETRY_EVENTS))
 
 
 class StopReason(StrEnum):
