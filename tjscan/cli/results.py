@@ -339,7 +339,7 @@ def view(*runs: Path, page: PageOptions | None = None) -> None:
         raise ConfigurationError("view takes one run directory or more")
     where = (page or PageOptions()).where
     with show_phase("reading the recordings"):
-        from tjscan.live.replay import Replay
+        from tjscan.live.page import Replay
         from tjscan.runs.tasks import read_recorded_show
 
         shows = [read_recorded_show(run) for run in runs]

@@ -197,7 +197,7 @@ def laser(
     from contextlib import ExitStack
     from itertools import islice
 
-    from tjscan.cli.output.laser import print_laser_description, show_live_readings
+    from tjscan.cli.output.results import print_laser_description, show_live_readings
     from tjscan.runs.laser import open_laser_of_job, open_profile_file, read_live_profiles
 
     with ExitStack() as stack:

@@ -90,7 +90,7 @@ def chain(
     json
         Print the table as JSON on stdout.
     """
-    from tjscan.cli.output.chain import outcome_line, print_error_sources
+    from tjscan.cli.output.study import outcome_line, print_error_sources
     from tjscan.report.write import write_run_report
     from tjscan.result.directory import CALIBRATION_FILE
     from tjscan.runs.chain import CALIBRATION_RUN_FOLDER, read_chain, run_error_sources

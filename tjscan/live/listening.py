@@ -9,8 +9,7 @@ from threading import Event, Thread
 from typing import Any, Final
 
 from tjscan.core.errors import PageUnavailable
-from tjscan.live.buttons import Button
-from tjscan.live.page import Page, PageAddress
+from tjscan.live.page import Button, Page, PageAddress
 from tjscan.live.step import STATE_FACT, Show, Step, merge_steps
 
 Report = Callable[[str], object]

@@ -22,10 +22,9 @@ from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import SECTIONS_FILE, job_label_of_run
-from tjscan.result.ply import sections_to_ply
 from tjscan.result.section import SECTION_FIELDS, SectionQuantity
 from tjscan.result.shapes import read_finished_sections
-from tjscan.result.table import sections_to_csv
+from tjscan.result.table import sections_to_csv, sections_to_ply
 
 
 class SectionFieldDescription(StrictFileModel):

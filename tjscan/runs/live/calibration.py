@@ -20,11 +20,10 @@ from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
 from tjscan.job.cell import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.job.files import CalibrationJob, read_calibration_job
-from tjscan.live.buttons import Act, Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
 from tjscan.live.drawables import ArmPosture, Drawable, Lines, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, Button, PageAddress, Tone
 from tjscan.live.step import (
     BUTTONS_FACT_NAME,
     STATE_FACT,

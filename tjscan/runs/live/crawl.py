@@ -20,11 +20,10 @@ from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live import step as live_step
-from tjscan.live.buttons import Act, Button, stop_button
 from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import BodyPose, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, Button, PageAddress, stop_button
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.settings import Box, Cylinder, Solid

@@ -19,11 +19,10 @@ from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.job.cell import kinematics_of_job, solids_in_base
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.live.buttons import Act, Button
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import ArmPosture, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, Button, PageAddress
 from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, Sample, SceneSetup, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files

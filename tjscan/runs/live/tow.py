@@ -12,7 +12,6 @@ import numpy as np
 
 from tjscan.core.frames import Array, pose, rot_z
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.live.buttons import Act, stop_button
 from tjscan.live.colours import (
     FITTED_COLOUR,
     LASER_COLOUR,
@@ -22,7 +21,7 @@ from tjscan.live.colours import (
 )
 from tjscan.live.drawables import BodyPose, Drawable, Lines
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, PageAddress, stop_button
 from tjscan.live.step import STATE_FACT, Measure, Sample, SceneSetup, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
