@@ -19,15 +19,7 @@ from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from tjscan.comparison.shapes import (
-    Mesh,
-    Shape,
-    UnitAndFrame,
-    UserUnitAndFrame,
-    find_sidecar,
-    read_sidecar,
-    resolve_unit_and_frame,
-)
+from tjscan.comparison import shapes
 from tjscan.core import mesh_files
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
@@ -139,7 +131,7 @@ FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[st
 """Points, triangles or None, and the unit that the file states with where it states it."""
 
 
-def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
+def read_shape_file(path: Path, options: shapes.UserUnitAndFrame | None = None) -> shapes.Shape:
     """Read a shape from a joint's TOML, a mesh, a cloud or ``edges.csv``.
 
     Parameters
@@ -155,10 +147,10 @@ def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shap
         If it is missing, damaged or empty, takes more memory to read than `MOST_MEMORY`, or
         nothing states its unit or its frame.
     """
-    options = options or UserUnitAndFrame()
+    options = options or shapes.UserUnitAndFrame()
     kind = path.suffix.lower()
     if kind == ".toml":
-        return _joint_shape(read_joint(path), UnitAndFrame("mm", "the joint's file", "j"))
+        return _joint_shape(read_joint(path), shapes.UnitAndFrame("mm", "the joint's file", "j"))
     if not path.exists():
         near = nearest_word(path.name, [f.name for f in path.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
@@ -170,8 +162,8 @@ def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shap
         message = f"can't read {kind or 'a file without ending'}; {known}"
         raise ConfigurationError(message, file=path)
     if kind == ".csv" and (edges := _read_edges(path)) is not None:
-        stated = UnitAndFrame("mm", "the names of its columns", "j")
-        return Shape(path.name, stated, edges=edges, is_in_joint_frame=True)
+        stated = shapes.UnitAndFrame("mm", "the names of its columns", "j")
+        return shapes.Shape(path.name, stated, edges=edges, is_in_joint_frame=True)
     try:
         points, triangles, own = READERS_BY_SUFFIX[kind](path)
         points = points.reshape(-1, 3)
@@ -180,34 +172,38 @@ def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shap
     except Exception as error:  # parsers raise whatever they stumble on
         reason = f"{type(error).__name__}: {error}".strip(": ")
         raise ConfigurationError(f"is damaged, or is no {kind[1:]}: {reason}", file=path) from None
-    sidecar = find_sidecar(path)
-    stated = resolve_unit_and_frame(path, options, sidecar, own)
+    sidecar = shapes.find_sidecar(path)
+    stated = shapes.resolve_unit_and_frame(path, options, sidecar, own)
     scaled = METRES_PER_UNIT[stated.unit] * points
     if triangles is not None and len(triangles):
         _check_triangles(path, scaled, triangles)
         # The edges of a joint are in frame j, whatever the sidecar states of the mesh.
         joint = sidecar.joint if sidecar is not None and stated.frame == "j" else None
         edges = None if joint is None else feature_edges(joint)
-        mesh = Mesh(readonly_copy(scaled), triangles)
-        return Shape(path.name, stated, mesh=mesh, edges=edges, is_in_joint_frame=edges is not None)
+        mesh = shapes.Mesh(readonly_copy(scaled), triangles)
+        return shapes.Shape(
+            path.name, stated, mesh=mesh, edges=edges, is_in_joint_frame=edges is not None
+        )
     finite = np.isfinite(scaled).all(axis=1)
     if not finite.any():
         raise ConfigurationError("holds no point", file=path)
     dropped = int((~finite).sum())
-    return Shape(path.name, stated, readonly_copy(scaled[finite]), dropped=dropped)
+    return shapes.Shape(path.name, stated, readonly_copy(scaled[finite]), dropped=dropped)
 
 
-def _joint_shape(joint: JointDefinition, stated: UnitAndFrame) -> Shape:
+def _joint_shape(joint: JointDefinition, stated: shapes.UnitAndFrame) -> shapes.Shape:
     built = build_joint_mesh(joint)
-    mesh = Mesh(built.vertices, built.triangles.astype(np.intp))
-    return Shape(joint.name, stated, mesh=mesh, edges=feature_edges(joint), is_in_joint_frame=True)
+    mesh = shapes.Mesh(built.vertices, built.triangles.astype(np.intp))
+    return shapes.Shape(
+        joint.name, stated, mesh=mesh, edges=feature_edges(joint), is_in_joint_frame=True
+    )
 
 
-def _read_joint_sidecar(path: Path) -> Shape:
-    sidecar = read_sidecar(path)
+def _read_joint_sidecar(path: Path) -> shapes.Shape:
+    sidecar = shapes.read_sidecar(path)
     if sidecar.joint is None:
         raise ConfigurationError("describes no joint: name the file it stands beside", file=path)
-    return _joint_shape(sidecar.joint, UnitAndFrame("mm", "the joint's sidecar", "j"))
+    return _joint_shape(sidecar.joint, shapes.UnitAndFrame("mm", "the joint's sidecar", "j"))
 
 
 def _read_edges(path: Path) -> FeatureEdges | None:

@@ -17,6 +17,7 @@ from tjscan.report import picture
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import DEGREES_PER_HOUR, designed_measures, section_dimensions
 from tjscan.report.findings import describe_coverage
+from tjscan.result import section as result_section
 from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.picture import (
     BAND_SIGMAS,
@@ -25,12 +26,6 @@ from tjscan.result.picture import (
     PATH_COLOUR,
     ROOT_COLOUR,
     draw_groove_3d,
-)
-from tjscan.result.section import (
-    MEASURE_FIELDS,
-    absent_corners,
-    lengths_along_groove,
-    measure_columns,
 )
 from tjscan.result.wireframe import joint_wireframe
 
@@ -96,7 +91,7 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
     figure = picture.new_figure(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
     for k, (axes, (field, y, sigma)) in enumerate(
-        zip(panels.flat, measure_columns(sections), strict=True)
+        zip(panels.flat, result_section.measure_columns(sections), strict=True)
     ):
         band = BAND_SIGMAS * sigma
         axes.fill_between(x, y - band, y + band, color=LASER_COLOUR, alpha=0.3, linewidth=0)
@@ -110,7 +105,7 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
         axes.set_xlabel(label)
     panels[0, 0].legend(fontsize=8)
     designed = "" if design is None else " Dashed: the joint as designed, cut by the same planes."
-    every = ((field, field.values(sections)) for field in MEASURE_FIELDS)
+    every = ((field, field.values(sections)) for field in result_section.MEASURE_FIELDS)
     ranges = (f"{field.chart_title} {y.min():.1f} to {y.max():.1f}" for field, y in every)
     return picture.inline_figure(
         figure,
@@ -198,7 +193,7 @@ def places_along_groove(data: ReportData) -> tuple[Array, str]:
     """Where the sections are on a chart, and what that is called."""
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
-    return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
+    return 1e3 * result_section.lengths_along_groove(data.sections), "along the groove / mm"
 
 
 def draw_fit_up(data: ReportData) -> picture.ReportPicture:
@@ -216,7 +211,7 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
         _shade_tack_welds(axes, x, tacked)
         axes.grid(alpha=0.3)
     opening = 1e3 * np.array([section.root_opening for section in sections])
-    rootless = absent_corners(sections)[:, 1:].any(axis=1)
+    rootless = result_section.absent_corners(sections)[:, 1:].any(axis=1)
     width = 1e3 * np.array([section.measures[ROOT_WIDTH_INDEX] for section in sections])
     width[~np.isnan(opening) | rootless] = np.nan
     widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH_INDEX] for section in sections])

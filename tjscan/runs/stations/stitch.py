@@ -36,12 +36,8 @@ from tjscan.runs.scan.results import all_profile_points, corner_errors, write_ru
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.recording import read_recorded_scan
+from tjscan.stitching import registration
 from tjscan.stitching.picture import draw_stitching
-from tjscan.stitching.registration import (
-    StationRegistration,
-    StitchingDraft,
-    point_covariance_from_pose,
-)
 from tjscan.stitching.stations import (
     DEFAULT_STITCH_SETTINGS,
     Station,
@@ -107,7 +103,7 @@ def _station_report(
     station, tubes = one.fit.station, one.fit.tubes
     meant = inverse_pose(first.fit.station.T_w_b) @ station.T_w_b
     found = inverse_pose(first.T_j_b) @ one.T_j_b
-    at_groove = point_covariance_from_pose(one.covariance, middle)
+    at_groove = registration.point_covariance_from_pose(one.covariance, middle)
     return results.StationPlacement(
         name=station.name,
         source=source,
@@ -127,7 +123,7 @@ def _station_report(
 
 
 def _overlap_report(
-    edge: StationRegistration, names: tuple[str, ...], gap: float
+    edge: registration.StationRegistration, names: tuple[str, ...], gap: float
 ) -> results.OverlapReport:
     overlap = edge.overlap
     units = np.repeat((1e3, 180 / np.pi), 3)
@@ -235,7 +231,7 @@ def stitch_run_directories(
     try:
         stitched = StitchedGroove([one.station for one in read], settings)
     except StitchingRefused as error:
-        if isinstance(error.draft, StitchingDraft):
+        if isinstance(error.draft, registration.StitchingDraft):
             with write_files_atomically(directory) as draft:
                 write_png(draft / run_files.STATIONS_PICTURE, draw_stitching(error.draft))
             error.add_note(f"{directory / run_files.STATIONS_PICTURE} shows it")
