@@ -12,7 +12,6 @@ import re
 import zipfile
 from collections.abc import Callable
 from importlib import import_module
-from importlib.util import find_spec
 from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -21,7 +20,7 @@ import numpy as np
 
 from tjscan.comparison import shapes
 from tjscan.core import mesh_files
-from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.errors import ConfigurationError, explain_missing_package, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.mesh_files import MOST_MEMORY
@@ -60,15 +59,13 @@ def read_pcd(path: Path) -> Array:
     with path.open("rb") as stream:
         layout, count, encoding = _read_pcd_header(stream)
         rest = path.stat().st_size - stream.tell()
-        rate = (
-            MEMORY_PER_COMPRESSED_PCD_POINT
-            if encoding == "binary_compressed"
-            else MEMORY_PER_PCD_POINT
-        )
+        is_compressed = encoding == "binary_compressed"
+        rate = MEMORY_PER_COMPRESSED_PCD_POINT if is_compressed else MEMORY_PER_PCD_POINT
         mesh_files.refuse_large_memory(path, count * (rate + layout.itemsize))
         if encoding == "ascii":
             lines = (line.decode("ascii") for line in stream)
-            columns = [_first_column_of_field(layout, axis) for axis in "xyz"]
+            widths = [prod(layout[name].shape) for name in layout.names or ()]
+            columns = [sum(widths[: (layout.names or ()).index(axis)]) for axis in "xyz"]
             return np.loadtxt(lines, usecols=columns, ndmin=2, max_rows=count)
         if encoding == "binary":
             if count * layout.itemsize > rest:
@@ -107,12 +104,6 @@ def _read_pcd_header(stream: BinaryIO) -> tuple[np.dtype[Any], int, str]:
     if any(axis not in names or layout[axis].shape for axis in "xyz"):
         raise ValueError("it holds no points x, y, z")
     return layout, points, data
-
-
-def _first_column_of_field(layout: np.dtype[Any], axis: str) -> int:
-    """Column of a field in a text, if a field of many numbers takes as many."""
-    names = list(layout.names or ())
-    return sum(prod(layout[name].shape) for name in names[: names.index(axis)])
 
 
 def _read_compressed(path: Path) -> Array:
@@ -156,7 +147,9 @@ def read_shape_file(path: Path, options: shapes.UserUnitAndFrame | None = None) 
         raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
     check_file_size(path, MOST_MEMORY, "points and triangles")
     if kind == ".json":
-        return _read_joint_sidecar(path)
+        if (joint := shapes.read_sidecar(path).joint) is None:
+            raise ConfigurationError("describes no joint: name the file it belongs to", file=path)
+        return _joint_shape(joint, shapes.UnitAndFrame("mm", "the joint's sidecar", "j"))
     if kind not in READERS_BY_SUFFIX:
         known = " ".join(sorted(READERS_BY_SUFFIX))
         message = f"can't read {kind or 'a file without ending'}; {known}"
@@ -175,7 +168,7 @@ def read_shape_file(path: Path, options: shapes.UserUnitAndFrame | None = None) 
     sidecar = shapes.find_sidecar(path)
     stated = shapes.resolve_unit_and_frame(path, options, sidecar, own)
     scaled = METRES_PER_UNIT[stated.unit] * points
-    if triangles is not None and len(triangles):
+    if triangles is not None:
         _check_triangles(path, scaled, triangles)
         # The edges of a joint are in frame j, whatever the sidecar states of the mesh.
         joint = sidecar.joint if sidecar is not None and stated.frame == "j" else None
@@ -197,13 +190,6 @@ def _joint_shape(joint: JointDefinition, stated: shapes.UnitAndFrame) -> shapes.
     return shapes.Shape(
         joint.name, stated, mesh=mesh, edges=feature_edges(joint), is_in_joint_frame=True
     )
-
-
-def _read_joint_sidecar(path: Path) -> shapes.Shape:
-    sidecar = shapes.read_sidecar(path)
-    if sidecar.joint is None:
-        raise ConfigurationError("describes no joint: name the file it stands beside", file=path)
-    return _joint_shape(sidecar.joint, shapes.UnitAndFrame("mm", "the joint's sidecar", "j"))
 
 
 def _read_edges(path: Path) -> FeatureEdges | None:
@@ -255,24 +241,21 @@ def _read_3mf(path: Path) -> FileContent:
 
 def _read_step(path: Path) -> FileContent:
     """STEP states its unit; it is triangulated to metres on the way in."""
-    _check_package("cascadio", "STEP", "step")
+    with explain_missing_package("reading STEP", "step"):
+        import_module("cascadio")
     points, triangles, _ = _read_mesh(path)
     return points, triangles, ("m", "its conversion to triangles")
 
 
 def _read_e57(path: Path) -> FileContent:
     """E57 is in metres by its standard (ASTM E2807); all scans, each in its pose."""
-    _check_package("pye57", "E57", "e57")
-    file = import_module("pye57").E57(str(path))
+    with explain_missing_package("reading E57", "e57"):
+        file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
     mesh_files.refuse_large_memory(path, MEMORY_PER_E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")
-
-
-def _read_pcd(path: Path) -> FileContent:
-    return read_pcd(path), None, None
 
 
 def _read_xyz(path: Path) -> FileContent:
@@ -316,12 +299,6 @@ def _check_triangles(path: Path, points: Array, triangles: Array | Any) -> None:
         raise ConfigurationError("has triangles without vertices", file=path)
 
 
-def _check_package(package: str, what: str, extra: str) -> None:
-    if find_spec(package) is None:
-        message = f"reading {what} needs the package {package}: pip install 'tjscan[{extra}]'"
-        raise ConfigurationError(message)
-
-
 READERS_BY_SUFFIX: Final[dict[str, Callable[[Path], FileContent]]] = {
     ".ply": _read_ply,
     ".stl": _read_mesh,
@@ -330,7 +307,7 @@ READERS_BY_SUFFIX: Final[dict[str, Callable[[Path], FileContent]]] = {
     ".step": _read_step,
     ".stp": _read_step,
     ".e57": _read_e57,
-    ".pcd": _read_pcd,
+    ".pcd": lambda path: (read_pcd(path), None, None),
     ".xyz": _read_xyz,
     ".txt": _read_xyz,
     ".csv": _read_csv,

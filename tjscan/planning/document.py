@@ -396,14 +396,11 @@ def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
         parts: dict[tuple[str, str], list[dict[str, str]]] = {}
         for row in csv.DictReader(lines, strict=True):
             parts.setdefault((row["bead"], row["part"]), []).append(row)
-        return tuple(
-            BeadCourse(
-                int(number),
-                np.array([float(row["s_mm"]) for row in rows]),
-                tuple(row["position"] for row in rows),
-            )
-            for (number, _), rows in parts.items()
-        )
+        found = []
+        for (number, _), rows in parts.items():
+            s = np.array([float(row["s_mm"]) for row in rows])
+            found.append(BeadCourse(int(number), s, tuple(row["position"] for row in rows)))
+        return tuple(found)
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
     except (KeyError, TypeError, ValueError, csv.Error) as error:

@@ -134,14 +134,10 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
     out = open_at & ((opening < low) | (opening > high))
     if out.any():
         at, widths = root.s[out], 1e3 * opening[out]
-        yield WpsFinding(
-            "root.opening_mm",
-            1,
-            float(at.min()),
-            float(at.max()),
-            float(out.sum() / open_at.sum()),
-            f"{widths.min():.2f} to {widths.max():.2f}, allowed {1e3 * low:g} to {1e3 * high:g}",
-        )
+        ends, share = (float(at.min()), float(at.max())), float(out.sum() / open_at.sum())
+        span = f"{widths.min():.2f} to {widths.max():.2f}"
+        text = f"{span}, allowed {1e3 * low:g} to {1e3 * high:g}"
+        yield WpsFinding("root.opening_mm", 1, *ends, share, text)
 
 
 def _findings_at(bead: PlannedBead, key: str, out: Mask, text: str) -> Iterator[WpsFinding]:
@@ -346,10 +342,8 @@ def _fit_zones_from(
                 arrangement, fits = fit(first, last), last
             except NoArrangementFits as problem:
                 if last - first <= 1:
-                    where = f"at s = {1e3 * s[first]:.0f} mm"
-                    raise ConfigurationError(
-                        f"{where}: {problem.message}", key=problem.key
-                    ) from None
+                    reason = f"at s = {1e3 * s[first]:.0f} mm: {problem.message}"
+                    raise ConfigurationError(reason, key=problem.key) from None
                 fails = last
             last = max(first + 1, (fits + fails) // 2)
         found.append(PlannedZone(float(s[first]), float(s[fits]), arrangement))

@@ -110,11 +110,6 @@ class ReportData:
     caveats: tuple[str, ...]
 
     @property
-    def run_name(self) -> str:
-        """Name of the run: that of its directory."""
-        return self.directory.resolve().name
-
-    @property
     def cloud(self) -> Array:
         """The scanned points, shape (n, 3), metres; none if there is no cloud."""
         return np.empty((0, 3)) if self.shape.points is None else self.shape.points
@@ -171,6 +166,7 @@ def read_report_data(
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
     other = None if reference is None else read_shape(reference, options)
+    chapters = report_chapters().values()
     comparison, caveats = _compare_with_reference(shape, file, other, tolerance)
     return ReportData(
         directory,
@@ -178,7 +174,11 @@ def read_report_data(
         sections,
         shape,
         tuple(
-            _read_station_run(name, folder)
+            StationRunData(
+                name,
+                read_summary(folder / SUMMARY_FILE),
+                tuple(write(folder) for write in chapters),
+            )
             for name, folder in folders.items()
             if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file()
         ),
@@ -231,8 +231,3 @@ def _compare_with_reference(
         return compare_shapes(shape, read_shape(joint), align, tolerance), ()
     except (ComparisonRefused, ConfigurationError) as error:
         return None, (f"It was not compared with the joint that the job names: {error}",)
-
-
-def _read_station_run(name: str, directory: Path) -> StationRunData:
-    chapters = tuple(write(directory) for write in report_chapters().values())
-    return StationRunData(name, read_summary(directory / SUMMARY_FILE), chapters)

@@ -58,7 +58,7 @@ def render_report_page(data: ReportData) -> str:
     several = len(data.places) > 1
     scans = [(place.name, place.summary) for place in data.places if several]
     return load_template("report.html.jinja").render(
-        name=data.run_name,
+        name=data.directory.resolve().name,
         summary=data.summary,
         headline=list(findings.headline_numbers(data)),
         joint=_joint_in_words(data.joint),

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -16,7 +15,7 @@ from pydantic import BaseModel, create_model
 from pydantic import Field as Described
 
 from tjscan.core.config import StrictFileModel
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError, explain_missing_package
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.provenance import LengthUnit, Provenance
@@ -206,11 +205,8 @@ def write_weldx(
     ConfigurationError
         If the extra is not installed.
     """
-    if find_spec("weldx") is None:
-        raise ConfigurationError(
-            "weldx files need an extra package: pip install 'tjscan[weldx]'", key="--to"
-        )
-    weldx: Any = import_module("weldx")
+    with explain_missing_package("a weldx file", "weldx", "--to"):
+        weldx: Any = import_module("weldx")
     unit = provenance.length
     per_metre = 1e3 if unit == "mm" else 1.0
     root = WELDX_ROOT_FRAME_NAMES.get(provenance.frame, provenance.frame)

@@ -14,15 +14,10 @@ if TYPE_CHECKING:
     from cyclopts import App
 
 KIND_OF_JOB: Final[Mapping[tuple[str, ...], str]] = {
-    **dict.fromkeys(
-        (("scan",), ("teach",), ("doctor",), ("laser",), ("reprocess",), ("laser-loopback",)),
-        "scan",
-    ),
+    **{(w,): "scan" for w in ("scan", "teach", "doctor", "laser", "reprocess", "laser-loopback")},
     ("calibrate",): "calibrate",
-    **dict.fromkeys(
-        (("crawl", "run"), ("crawl", "size"), ("crawl", "calibrate"), ("crawl", "replay")), "crawl"
-    ),
-    **dict.fromkeys((("tow", "run"), ("tow", "replay")), "tow"),
+    **{("crawl", word): "crawl" for word in ("run", "size", "calibrate", "replay")},
+    **{("tow", word): "tow" for word in ("run", "replay")},
 }
 """Commands that take keys of a job as options, and the kind of that job's file."""
 

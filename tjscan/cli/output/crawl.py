@@ -90,18 +90,15 @@ def print_crawler_sizing(figures: Sequence[SizeFigure], *, json: bool) -> None:
     if json:
         names = ("name", "value", "unit", "least", "most", "holds", "advice")
         rows = [{name: getattr(one, name) for name in names} for one in figures]
-        print_json(
-            [row | {"value": row["value"] if isfinite(row["value"]) else None} for row in rows]
-        )
+        for row in rows:
+            row["value"] = row["value"] if isfinite(row["value"]) else None
+        print_json(rows)
         return
-    states = ["" if not one.rule else "holds" if one.holds else "BROKEN" for one in figures]
-    print_fields(
-        [
-            (one.name, f"{one.value:.4g} {one.unit}", one.rule, state)
-            for one, state in zip(figures, states, strict=True)
-        ],
-        ("figure", "value", "rule", ""),
-    )
+    cells = []
+    for one in figures:
+        state = "" if not one.rule else "holds" if one.holds else "BROKEN"
+        cells.append((one.name, f"{one.value:.4g} {one.unit}", one.rule, state))
+    print_fields(cells, ("figure", "value", "rule", ""))
     for one in figures:
         if not one.holds:
             print_message(f"{one.name} is {one.value:.3g} {one.unit}".rstrip() + f": {one.advice}")

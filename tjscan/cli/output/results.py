@@ -63,22 +63,17 @@ def print_readings(
         JSON in place of a table.
     """
     if json:
-        print(
-            dumps({"readings": [reading_to_dict(r) for r in readings], "bad": list(bad)}, indent=2)
-        )
+        dicts = [reading_to_dict(reading) for reading in readings]
+        print(dumps({"readings": dicts, "bad": list(bad)}, indent=2))
         return
     corners = corners or all(r.section is None for r in readings)  # a butt joint's are all it has
     cells = [_corner_cells(r) if corners else _measure_cells(r) for r in readings]
     names = list(dict.fromkeys(name for row in cells for name in row))
-    print_table(
-        [
-            ("profile", *names, "found"),
-            *(
-                (reading.name, *(row.get(name, "") for name in names), _found_in_words(reading))
-                for reading, row in zip(readings, cells, strict=True)
-            ),
-        ]
-    )
+    rows = [("profile", *names, "found")]
+    for reading, row in zip(readings, cells, strict=True):
+        found = str(reading.refusal or reading.found_in_words or "butt joint")
+        rows.append((reading.name, *(row.get(name, "") for name in names), found))
+    print_table(rows)
 
 
 def _measure_cells(reading: ProfileReading) -> dict[str, str]:
@@ -98,12 +93,6 @@ def _corner_cells(reading: ProfileReading) -> dict[str, str]:
             zip(reading.corners_seen, 1e3 * reading.points_s, sigmas, strict=True), start=1
         )
     }
-
-
-def _found_in_words(reading: ProfileReading) -> str:
-    if reading.refusal is not None:
-        return str(reading.refusal)
-    return reading.found_in_words or "butt joint"
 
 
 def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
@@ -246,12 +235,9 @@ def show_live_readings(*, json: bool) -> Iterator[Callable[[ProfileReading], Non
             print(describe_reading(reading), flush=True)
         else:
             columns = min(console.width, PROFILE_DRAWING_COLUMNS)
-            lines = [
-                *draw_profile(reading, columns, PROFILE_DRAWING_ROWS),
-                describe_reading(reading),
-            ]
+            lines = draw_profile(reading, columns, PROFILE_DRAWING_ROWS)
             with suppress(BlockingIOError):  # a terminal that is slower than the laser
-                live.update(Text("\n".join(lines)), refresh=True)
+                live.update(Text("\n".join((*lines, describe_reading(reading)))), refresh=True)
 
     with suppress(KeyboardInterrupt), live or nullcontext():
         yield show_reading

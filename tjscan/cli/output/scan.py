@@ -92,15 +92,13 @@ def _stitched_lines(
     for one in report.stations:
         start, end = one.azimuth_deg
         off = (
-            ""
-            if one is first
-            else f"; seen from {first.name}, its base is {one.nominal_off_mm:.0f} mm and "
+            f"; seen from {first.name}, its base is {one.nominal_off_mm:.0f} mm and "
             f"{one.nominal_off_deg:.1f}° from where it was meant to"
         )
         yield (
             f"station {one.name}",
             f"{one.sections} sections from {start:.0f}° to {end:.0f}°, groove placed to "
-            f"{one.sigma_groove_mm:.3f} mm{off}",
+            f"{one.sigma_groove_mm:.3f} mm{'' if one is first else off}",
         )
     for edge in report.overlaps:
         yield (
@@ -108,11 +106,9 @@ def _stitched_lines(
             f"{edge.arc_deg:.0f}° at {edge.azimuth_deg:.0f}°: residuals {edge.residual_rms_mm:.3f} "
             f"mm, gap {edge.gap_mm:.3f} mm",
         )
-    if report.loop_gap_before_mm is not None and report.loop_gap_after_mm is not None:
-        yield (
-            "loop gap",
-            f"{report.loop_gap_before_mm:.3f} mm, closed {report.loop_gap_after_mm:.3f} mm",
-        )
+    before, after = report.loop_gap_before_mm, report.loop_gap_after_mm
+    if before is not None and after is not None:
+        yield "loop gap", f"{before:.3f} mm, closed {after:.3f} mm"
     else:
         yield "loop", results.LOOP_OPEN_TEXT
     yield "covered", f"{report.covered_deg:.0f}°, {summary.sections} sections"

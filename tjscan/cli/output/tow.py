@@ -63,12 +63,8 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
     """
     seam = Seam(job.seam)
     unit = "mm of seam" if seam.length else "s"
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f} " + unit),
-        TimeElapsedColumn(),
-    )
+    count = TextColumn("{task.completed:.0f} of {task.total:.0f} " + unit)
+    columns = TextColumn("{task.description}"), BarColumn(), count, TimeElapsedColumn()
     with Progress(*columns, console=stderr) as progress:
         task = progress.add_task("towing", total=1e3 * seam.length or seam.seconds)
         context = TowContext(job, file, TowProgress(progress, task), write_run_report)
@@ -95,14 +91,9 @@ def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
         sweep.refuse_if_blocked()
     bend = max(abs(plan.angles).max() for plan in sweep.plans)
     if json:
+        shape = {"first_shape": sweep.chosen, "first_shapes": sweep.shapes}
         print_json(
-            {
-                "feasible": True,
-                "length_mm": 1e3 * sweep.length,
-                "bend_rad": float(bend),
-                "first_shape": sweep.chosen,
-                "first_shapes": sweep.shapes,
-            }
+            {"feasible": True, "length_mm": 1e3 * sweep.length, "bend_rad": float(bend)} | shape
         )
         return
     limit = job.chain.joint_limit
