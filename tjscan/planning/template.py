@@ -197,13 +197,10 @@ class BeadCells:
     def areas(self) -> Array:
         """Area of each bead between its lines, shape (m, n), m²."""
         last = len(self.counts) - 1
-        parts = [
-            np.diff(
-                self.template.layer_area_from_bevel(*self._layer_borders(k), u, capped=k == last),
-                axis=1,
-            )
-            for k, u in enumerate(self.u)
-        ]
+        parts = []
+        for k, u in enumerate(self.u):
+            w, capped = self._layer_borders(k), k == last
+            parts.append(np.diff(self.template.layer_area_from_bevel(*w, u, capped=capped), axis=1))
         found = np.concatenate(parts, axis=1)
         found[:, 0] += self.template.root_area  # the first layer is one bead then
         return found

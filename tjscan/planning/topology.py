@@ -265,11 +265,8 @@ class BeadArranger:
         names = np.array(bead_kinds(counts, self.root))
         shares = dict(zip(BEAD_KIND_NAMES, self._bead_shares(counts), strict=True))
         for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
-            expected = (
-                shares[name]
-                * np.array((area.min(), area.max()))
-                * self._deposit_to_area_ratios[name]
-            )
+            ends, ratios = np.array((area.min(), area.max())), self._deposit_to_area_ratios[name]
+            expected = shares[name] * ends * ratios
             self._choose_wire_feed(name, *expected.tolist())
         wanted = area[:, None] * np.array([shares[name] for name in names])
         below = wanted.cumsum(axis=1)[:, np.cumsum(counts)[:-1] - 1]

@@ -283,11 +283,5 @@ def _protobuf_topic(name: str, kind: type[Message]) -> Topic[Any]:
             raise ValueError(f"no {kind.DESCRIPTOR.full_name}: {error}") from error
 
     definition = build_file_descriptor_set(kind).SerializeToString()
-    return Topic(
-        name,
-        kind.DESCRIPTOR.full_name,
-        "protobuf",
-        definition,
-        methodcaller("SerializeToString"),
-        decode,
-    )
+    encode = methodcaller("SerializeToString")
+    return Topic(name, kind.DESCRIPTOR.full_name, "protobuf", definition, encode, decode)

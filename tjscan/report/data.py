@@ -166,27 +166,16 @@ def read_report_data(
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
     other = None if reference is None else read_shape(reference, options)
-    chapters = report_chapters().values()
+
     comparison, caveats = _compare_with_reference(shape, file, other, tolerance)
-    return ReportData(
-        directory,
-        summary,
-        sections,
-        shape,
-        tuple(
-            StationRunData(
-                name,
-                read_summary(folder / SUMMARY_FILE),
-                tuple(write(folder) for write in chapters),
-            )
-            for name, folder in folders.items()
-            if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file()
-        ),
-        None if file is None else read_joint(file),
-        comparison,
-        stitching,
-        caveats,
-    )
+    places = []
+    for name, folder in folders.items():
+        if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file():
+            chapters = tuple(write(folder) for write in report_chapters().values())
+            places.append(StationRunData(name, read_summary(folder / SUMMARY_FILE), chapters))
+    run = directory, summary, sections, shape, tuple(places)
+    joint = None if file is None else read_joint(file)
+    return ReportData(*run, joint, comparison, stitching, caveats)
 
 
 def station_folders(directory: Path, report: StitchingReport | None) -> dict[str, Path]:

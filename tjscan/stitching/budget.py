@@ -146,14 +146,10 @@ def stitching_budget(
     moves = [repeatability_cause(sections, repeatability, "assumed") for sections in scans]
     k, noise = len(fits), placement.noise_covariance
     places = np.split(covariance_factor(noise[: 6 * k, : 6 * k]), k)
+    placed = zip(fits, T_j_b, places, strict=True)
     components = [
         *(_component_in_frame_j(causes, T_j_b) for causes in (readings, moves)),
-        _join_stations(
-            [
-                _section_moves_by_twists(fit, T, L)
-                for fit, T, L in zip(fits, T_j_b, places, strict=True)
-            ]
-        ),
+        _join_stations([_section_moves_by_twists(fit, T, L) for fit, T, L in placed]),
     ]
     stations, shape = placement.covariance, np.array(noise[6 * k :, 6 * k :])
     for causes, errors in zip(shared.of_station, shared.errors, strict=True):

@@ -47,12 +47,8 @@ def make_planner(job: TowJob) -> ShapePlanner:
         from tjscan.towing.shape.paper_planner import PaperPlanner
         from tjscan.towing.shape.plan import PlannerSettings, PoseAccuracy
         from tjscan.towing.shape.planner import TowingPlanner
-    settings = PlannerSettings(
-        job.weights,
-        job.targets,
-        job.hard_limits,
-        PoseAccuracy(known.position_sigma, known.heading_sigma),
-    )
+    accuracy = PoseAccuracy(known.position_sigma, known.heading_sigma)
+    settings = PlannerSettings(job.weights, job.targets, job.hard_limits, accuracy)
     kind = PaperPlanner if job.method == "paper" else TowingPlanner
     return kind(job.planned_chain, job.team, job.floor, settings)
 
@@ -178,16 +174,10 @@ def _mqtt_team(job: TowJob) -> ConnectedTeam:
 
 
 def _make_truth(world: TowingWorld) -> TowTruth:
-    truth = world.truth()
-    return TowTruth(
-        truth.time,
-        truth.points,
-        truth.poses,
-        truth.forces[-1],
-        truth.drive_forces,
-        truth.passers_by[:, :3],
-        truth.touches,
-    )
+    now = world.truth()
+    welder_force, discs = now.forces[-1], now.passers_by[:, :3]
+    state = now.time, now.points, now.poses, welder_force
+    return TowTruth(*state, now.drive_forces, discs, now.touches)
 
 
 def fixed_obstacles(job: TowJob) -> list[DiscObstacle]:

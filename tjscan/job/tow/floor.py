@@ -90,22 +90,16 @@ class _FixedSolid(NamedTuple):
 
 def _fixed_solids(job: TowJob) -> list[_FixedSolid]:
     """Pillars, and obstacles that never move."""
-    pillars = [
-        _FixedSolid(
-            f"the pillar at {_point_in_mm(hole[0])} mm", "area.holes_mm", shapely.Polygon(hole)
-        )
-        for hole in job.area.holes
-    ]
-    obstacles = [
-        _FixedSolid(
-            f"{one.name} at {_point_in_mm(one.points[0])} mm",
-            f"obstacles.{number}",
-            shapely.Point(one.points[0]).buffer(one.radius),
-        )
-        for number, one in enumerate(job.obstacles)
-        if not one.speed
-    ]
-    return pillars + obstacles
+    solids = []
+    for hole in job.area.holes:
+        name = f"the pillar at {_point_in_mm(hole[0])} mm"
+        solids.append(_FixedSolid(name, "area.holes_mm", shapely.Polygon(hole)))
+    for number, one in enumerate(job.obstacles):
+        if not one.speed:
+            name = f"{one.name} at {_point_in_mm(one.points[0])} mm"
+            disc = shapely.Point(one.points[0]).buffer(one.radius)
+            solids.append(_FixedSolid(name, f"obstacles.{number}", disc))
+    return solids
 
 
 def _free_floor(job: TowJob, solids: Sequence[_FixedSolid]) -> Any:

@@ -155,13 +155,8 @@ class CalibrationShow:
             for one in result.residuals:
                 note = "" if one.used else "left out"
                 rows.append((one.name, f"{1e3 * one.offset:+.3f}", f"{one.misfit:.1f}", note))
-        return Step(
-            f"{taken} lines",
-            facts=facts,
-            progress=min(taken / progress.wanted, 1.0),
-            samples=(Sample(float(taken), values),),
-            table=[RESIDUAL_TABLE_HEAD, *rows],
-        )
+        share, samples = min(taken / progress.wanted, 1.0), (Sample(float(taken), values),)
+        return Step(f"{taken} lines", {}, facts, share, samples, table=[RESIDUAL_TABLE_HEAD, *rows])
 
 
 def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:

@@ -150,14 +150,9 @@ class CrawlShow:
         if cycle.phase is Phase.WELDING and cycle.number:
             along = min(max(cycle.travel / self._job.weld.length, 0.0), 1.0)
             progress = (cycle.number - 1 + along) / len(self._job.passes)
-        return live_step.Step(
-            f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm",
-            drawn,
-            self._cycle_facts(cycle),
-            progress,
-            samples,
-            diagram=phase_transition_diagram(cycle.phase),
-        )
+        label, facts = f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm", self._cycle_facts(cycle)
+        diagram = phase_transition_diagram(cycle.phase)
+        return live_step.Step(label, drawn, facts, progress, samples, diagram=diagram)
 
     def _cycle_facts(self, cycle: CrawlCycle) -> dict[str, str]:
         reading = f"{1e3 * cycle.d:+.2f} ± {1e3 * cycle.d_sigma:.2f} mm" if cycle.was_read else "no"

@@ -143,14 +143,10 @@ class ScanShow:
                 facts[measure.name] = _value_in_words(measure, values, sigmas)
         drawn = self._measured_piece(view, section.points_b, values)
         drawn["fitted"] = Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0)
-        return Step(
-            f"section {view.index}",
-            drawn,
-            facts,
-            None if self.total is None else min(done / self.total, 1.0),
-            (Sample(float(x), values, sigmas),),
-            PlaneCurve.of_profile(view.profile, groove.points_s),
-        )
+        progress = None if self.total is None else min(done / self.total, 1.0)
+        samples = (Sample(float(x), values, sigmas),)
+        profile = PlaneCurve.of_profile(view.profile, groove.points_s)
+        return Step(f"section {view.index}", drawn, facts, progress, samples, profile)
 
     def _values_of(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:
         """Values of the measures and their standard deviations, millimetres and degrees."""

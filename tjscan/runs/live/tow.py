@@ -121,13 +121,9 @@ class TowShow:
             "planned": Lines.through(_lift_to_height(planned), colour=FITTED_COLOUR, width=2.0),
             "obstacles": Lines.through(*map(_circle_points, discs), colour=SOLID_COLOUR, width=3.0),
         }
-        return Step(
-            f"{time:.1f} s",
-            drawn,
-            self._cycle_facts(cycle, values),
-            min(cycle.along / self._seam.length, 1.0) if self._seam.length else None,
-            (Sample(time, values),),
-        )
+        facts, samples = self._cycle_facts(cycle, values), (Sample(time, values),)
+        progress = min(cycle.along / self._seam.length, 1.0) if self._seam.length else None
+        return Step(f"{time:.1f} s", drawn, facts, progress, samples)
 
     def _cycle_facts(self, cycle: TowCycle, values: dict[str, float]) -> dict[str, str]:
         state = f"waits: {cycle.wait}" if cycle.wait else "welding"

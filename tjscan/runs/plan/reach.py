@@ -361,14 +361,9 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     count = ceil(edges.length / REACH_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
-    holds = ToolConfigurations(
-        station.kinematics,
-        torch.tcp.T,
-        T,
-        station.make_hindrance(torch, groove, EXTRA_COLLISION_MARGIN),
-        singular=station.job.clearance.singular,
-        closed=edges.closed,
-    )
+    arm, singular = station.kinematics, station.job.clearance.singular
+    wary = station.make_hindrance(torch, groove, EXTRA_COLLISION_MARGIN)
+    holds = ToolConfigurations(arm, torch.tcp.T, T, wary, singular=singular, closed=edges.closed)
     hindrance = station.make_hindrance(torch, groove, 0.0)
     return StationReach(station, hindrance, places, edges.length, holds)
 

@@ -250,12 +250,9 @@ class WrittenPlan:
         """Lengths that no station reaches, if that was looked for; metres."""
         if not self.document.stations:
             return ()
-        found = [
-            bead
-            for bead in self.plan.beads
-            if bead.station == UNREACHED_STATION and bead.layer == 1
-        ]
-        return tuple((float(bead.s.min()), float(bead.s.max())) for bead in found)
+        unreached = (bead for bead in self.plan.beads if bead.station == UNREACHED_STATION)
+        spans = (bead.s for bead in unreached if bead.layer == 1)
+        return tuple((float(s.min()), float(s.max())) for s in spans)
 
 
 def write_plan(
