@@ -72,7 +72,8 @@ def crawl_passes_of_plan(plan: WeldPlan) -> tuple[CrawlPass, ...]:
         middle = np.trapezoid(sides, bead.s, axis=0) / (bead.s[-1] - bead.s[0])
         area = bead.volume / bead.length
         rate = float(plan.wps.deposition_rate(np.array(bead.feed)))
+        offset, height = middle.tolist()
         strays = float(np.linalg.norm(sides - middle, axis=1).max())
         misfills = float(np.abs(area / bead.area - 1).max())
-        found.append(CrawlPass(bead, rate / area, *middle.tolist(), strays, misfills))
+        found.append(CrawlPass(bead, rate / area, offset, height, strays, misfills))
     return tuple(found)

@@ -61,8 +61,8 @@ def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
         turn = order.index(j)
         x, y = (outline / MM.factor).T
         axes.fill(x, y, facecolor=colours(turn / len(order)), alpha=0.6, edgecolor="black", lw=0.8)
-        number = str(plan.after_pass + turn + 1)
-        axes.text(*middles[j].tolist(), number, ha="center", va="center", fontsize="small")
+        (at_x, at_y), number = middles[j].tolist(), str(plan.after_pass + turn + 1)
+        axes.text(at_x, at_y, number, ha="center", va="center", fontsize="small")
     axes.set_aspect("equal")
     area = 1e6 * float(cells.areas.sum())
     axes.set_title(f"s = {s / MM.factor:.0f} mm, {len(order)} beads, {area:.0f} mm²", fontsize=10)

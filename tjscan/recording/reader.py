@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import BytesIO
-from itertools import takewhile
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 from zlib import crc32
@@ -395,12 +395,9 @@ def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING_KIND) -> JobSn
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    found = [
-        record
-        for file in recording_files(directory, kind)
-        for record in _records_before_messages(file)
-        if isinstance(record, JobSnapshot)
-    ]
+    heads = map(_records_before_messages, recording_files(directory, kind))
+    records = chain.from_iterable(heads)
+    found = [record for record in records if isinstance(record, JobSnapshot)]
     return found[-1] if found else None
 
 

@@ -28,6 +28,9 @@ IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
 
 UNIT_SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
 CORNER_NUMBERS: Final = (2, 3, 4)
+NOT_NEGATIVE: Final = (0.0, np.inf)
+"""Bounds of a quantity that may be zero or more."""
+
 WORD_SEPARATOR: Final = "; "
 """What separates several words of one text."""
 
@@ -65,16 +68,16 @@ class SectionQuantity:
         Of the value of one section.
     decimals : int or None
         That are printed in millimetres and degrees; None for six significant digits.
-    least, most : float
-        Bounds of a file's value.
+    bounds : tuple of float
+        Least and largest value that a file may hold.
     derived : bool
         Whether it follows from the other fields.
     text : bool
         Whether its value is a text; several words of one are joined by ``; ``.
-    blank : bool
-        Whether it may be left empty.
     later : bool
         Whether files of earlier versions lack it: it counts as left empty there.
+    blank : bool
+        Whether it may be left empty, as what is lacking in earlier versions always may.
     """
 
     name: str
@@ -84,15 +87,15 @@ class SectionQuantity:
     labels: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
     decimals: int | None = 4
-    least: float = -np.inf
-    most: float = np.inf
+    bounds: tuple[float, float] = (-np.inf, np.inf)
     derived: bool = False
     text: bool = False
-    blank: bool = False
     later: bool = False
+    blank: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", self.labels or (self.name,))
+        object.__setattr__(self, "blank", self.blank or self.later)
 
     @property
     def name_in_words(self) -> str:
@@ -226,13 +229,11 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     covariances = np.empty((3, 3, 3))
     covariances[:, *UPPER_TRIANGLE] = values["covariances"]
     covariances[:, *UPPER_TRIANGLE[::-1]] = covariances[:, *UPPER_TRIANGLE]
+    words = {name: str(values[name]).split(WORD_SEPARATOR) for name in ("conditions", "absent")}
     plain: dict[str, Any] = {
         **{name: float(values[name]) for name in SINGLE_NUMBER_FIELDS},
         **{name: str(values[name]) for name in ("station", "model")},
-        **{
-            name: tuple(str(values[name]).split(WORD_SEPARATOR)) if values[name] else ()
-            for name in ("conditions", "absent")
-        },
+        **{name: tuple(filter(None, found)) for name, found in words.items()},
     }
     return MeasuredSection(
         index=int(values["index"]),
@@ -248,12 +249,12 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
 
 def _text_field(name: str, meaning: str) -> SectionQuantity:
     """A text that files of earlier versions lack."""
-    return SectionQuantity(name, meaning, NO_UNIT, text=True, blank=True, later=True)
+    return SectionQuantity(name, meaning, NO_UNIT, text=True, later=True)
 
 
 def _sigma_field(name: str, meaning: str, unit: FileUnit, **more: Any) -> SectionQuantity:
     """Standard deviations, printed with six significant digits."""
-    return SectionQuantity(name, meaning, unit, decimals=None, least=0, **more)
+    return SectionQuantity(name, meaning, unit, decimals=None, bounds=NOT_NEGATIVE, **more)
 
 
 def _entry_getter(name: str, k: int) -> TakeValues:
@@ -274,7 +275,7 @@ def _unit_vector_field(name: str, meaning: str, side: str) -> SectionQuantity:
         return getattr(section_directions(sections), side)
 
     labels = tuple(f"{name}_{axis}" for axis in "xyz")
-    return SectionQuantity(name, meaning, NO_UNIT, take, labels, (3,), 7, -1, 1, derived=True)
+    return SectionQuantity(name, meaning, NO_UNIT, take, labels, (3,), 7, (-1, 1), derived=True)
 
 
 MEASURE_MEANINGS: Final = {
@@ -307,7 +308,9 @@ SIGMA_FIELDS: Final = tuple(
 """Standard deviations of the measures, in the same order."""
 
 SECTION_FIELDS: Final = (
-    SectionQuantity("index", "number of the section in its scan", NO_UNIT, decimals=0, least=0),
+    SectionQuantity(
+        "index", "number of the section in its scan", NO_UNIT, decimals=0, bounds=NOT_NEGATIVE
+    ),
     SectionQuantity(
         "station", "from where it was scanned; several joined by +", NO_UNIT, text=True
     ),
@@ -315,8 +318,7 @@ SECTION_FIELDS: Final = (
         "azimuth",
         "about the brace's axis from the crown; empty where no joint is known",
         DEG,
-        least=-360,
-        most=360,
+        bounds=(-360, 360),
         blank=True,
     ),
     SectionQuantity(
@@ -336,7 +338,9 @@ SECTION_FIELDS: Final = (
     ),
     *MEASURE_FIELDS,
     SectionQuantity("work_angle", "from z of g to the middle of the groove angle", DEG),
-    SectionQuantity("rms", "of the profile's points about the fitted sides", MM, least=0),
+    SectionQuantity(
+        "rms", "of the profile's points about the fitted sides", MM, bounds=NOT_NEGATIVE
+    ),
     SectionQuantity(
         "origin",
         "of frame g, where the lines along wall and leg meet",
@@ -353,8 +357,7 @@ SECTION_FIELDS: Final = (
         tuple(f"{name}_{axis}" for name in ("xg", "yg", "zg") for axis in "xyz"),
         (3, 3),
         7,
-        least=-1,
-        most=1,
+        bounds=(-1, 1),
     ),
     *SIGMA_FIELDS,
     SectionQuantity(
@@ -365,8 +368,7 @@ SECTION_FIELDS: Final = (
         tuple(f"corr_{a}_{b}" for a, b in MEASURE_NAME_PAIRS),
         (6,),
         5,
-        least=-1,
-        most=1,
+        bounds=(-1, 1),
     ),
     SectionQuantity(
         "covariances",
@@ -412,9 +414,7 @@ SECTION_FIELDS: Final = (
         "model_probability",
         "probability that the groove has this form, not another one of the same joint",
         NO_UNIT,
-        least=0,
-        most=1,
-        blank=True,
+        bounds=(0, 1),
         later=True,
     ),
     SectionQuantity(
@@ -422,8 +422,7 @@ SECTION_FIELDS: Final = (
         "distance of an open root's edge from the leg, empty where the root is not open; its "
         "standard deviation is sigma_root_width",
         MM,
-        least=0,
-        blank=True,
+        bounds=NOT_NEGATIVE,
         later=True,
     ),
     _sigma_field(
@@ -433,7 +432,6 @@ SECTION_FIELDS: Final = (
         MM,
         labels=tuple(f"sigma_shared_p{i}" for i in CORNER_NUMBERS),
         shape=(3,),
-        blank=True,
         later=True,
     ),
 )

@@ -160,7 +160,7 @@ class _SectionRow:
             value = float(text)
         except ValueError:
             raise self.error(f"{text!r} is no number", column) from None
-        if not np.isfinite(value) or not field.least <= value <= field.most:
+        if not np.isfinite(value) or not field.bounds[0] <= value <= field.bounds[1]:
             raise self.error(f"{text} can't be", column)
         return value
 

@@ -223,9 +223,9 @@ def run_chain(chain: JobChain, directory: Path, *, arm: bool) -> ChainOutcome:
     found, held_out = saved.calibration, None
     if (kinematics := found.kinematics) is not None:
         held_out = 1e-3 * kinematics.held_out_before_mm, 1e-3 * kinematics.held_out_after_mm
-    errors = (_corner_errors(stitched, T, joint) for T in (np.eye(4), aligned.T))
+    own, corners = (_corner_errors(stitched, T, joint) for T in (np.eye(4), aligned.T))
     mount_error = boxminus(found.T_f_s, pose_from_rows_mm(truth))
-    return ChainOutcome(stitched, *errors, mount_error, found.covariance_si, held_out)
+    return ChainOutcome(stitched, own, corners, mount_error, found.covariance_si, held_out)
 
 
 def _scan_from_station(context: ScanContext) -> Station:

@@ -146,11 +146,14 @@ class DividedPlan:
         As in ``plan.json``.
     paths : dict of str to StationPath
         Of each station that has a program, by the program's file.
+    without_stations : str
+        Why there are no stations.
     """
 
     plan: WeldPlan
     stations: tuple[StationEntry, ...] = ()
     paths: dict[str, StationPath] = field(default_factory=dict)
+    without_stations: str = ""
 
 
 def divide_plan(
@@ -263,7 +266,6 @@ def write_plan(
     provenance: Provenance,
     texts: Mapping[str, str],
     details: Sequence[DetailStretch] = (),
-    without_stations: str = "",
 ) -> WrittenPlan:
     """Write document, picture and table of a plan, and the weldx file if weldx is installed.
 
@@ -283,16 +285,14 @@ def write_plan(
         Name and text of each further file.
     details : sequence of DetailStretch, optional
         How the groove compares with the WPS's table.
-    without_stations : str, optional
-        Why there are no stations.
     """
     from tjscan.planning.picture import draw_plan
     from tjscan.result.picture import write_png
 
     plan, folder, name = divided.plan, out or directory, directory.resolve().name
     label = f"{plan.wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    stations = divided.stations
-    document = plan_document(plan, provenance, name, label, details, stations, without_stations)
+    places = divided.stations, divided.without_stations
+    document = plan_document(plan, provenance, name, label, details, *places)
     with write_files_atomically(folder, last=PLAN_FILE, instead_of=STALE_PLAN_FILES) as draft:
         for file, text in texts.items():
             (draft / file).write_text(text, encoding="utf-8")
@@ -356,23 +356,22 @@ def plan_run(
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
         details = check_wps_details(directory, sections, edges, wps)
-        divided, without = DividedPlan(plan), "" if reach else "reach was not asked for"
-        arms: tuple[WeldingStation, ...] = ()
+        divided = DividedPlan(plan, without_stations="reach was not asked for")
         if reach:
             try:
                 arms = welding_stations(directory, summary.frame)
             except ConfigurationError as error:
-                without = str(error)
-        if arms:
-            replan = partial(plan_weld, edges, wps, gravity, marks, after_pass=after_pass)
-            divided = divide_plan(arms, plan, sections, replan)
+                divided = DividedPlan(plan, without_stations=str(error))
+            else:
+                replan = partial(plan_weld, edges, wps, gravity, marks, after_pass=after_pass)
+                divided = divide_plan(arms, plan, sections, replan)
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     head = "".join(provenance.comment_lines("#").splitlines(keepends=True)[:3])  # no frame, units
     programs = {
         name: head + path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
         for name, path in divided.paths.items()
     }
-    return write_plan(directory, out, wps_file, divided, provenance, programs, details, without)
+    return write_plan(directory, out, wps_file, divided, provenance, programs, details)
 
 
 AVERAGING_LENGTH: Final = 20e-3
@@ -431,20 +430,13 @@ def plan_crawl_run(
         edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
         passes = crawl_passes_of_plan(plan)
-    provenance = Provenance.for_file_written_now(
-        job_label_of_run(directory), CRAWL_PLAN_FRAME, "mm"
-    )
+    label = job_label_of_run(directory)
+    provenance = Provenance.for_file_written_now(label, CRAWL_PLAN_FRAME, "mm")
     begin, end = 1e3 * start, 1e3 * (start + edges.length)
-    text = (
-        provenance.comment_lines("#")
-        + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
-        + passes_to_toml(passes, wps.name)
-    )
-    texts, without = {CRAWL_PASSES_FILE: text}, f"a crawl job takes {CRAWL_PASSES_FILE}"
-    divided = DividedPlan(plan)
-    return write_plan(
-        directory, out, wps_file, divided, provenance, texts, without_stations=without
-    )
+    head = f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
+    text = provenance.comment_lines("#") + head + passes_to_toml(passes, wps.name)
+    divided = DividedPlan(plan, without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}")
+    return write_plan(directory, out, wps_file, divided, provenance, {CRAWL_PASSES_FILE: text})
 
 
 def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:

@@ -300,14 +300,9 @@ def read_station_run(directory: Path) -> StationRun:
     station = station_from_recording(job.station[0].name, job.T_w_b, sections, done.views, read)
     with add_file_to_errors(job_file):
         causes = causes_of_job(job, context.sensor_mount, station.all_sections)
-    return StationRun(
-        directory,
-        replace(station, causes=causes.shared),
-        summary,
-        joint,
-        causes.left_out,
-        (job.arm.device_id, job.laser.device_id, str(context.sensor_mount.T_f_s.tolist())),
-    )
+    station = replace(station, causes=causes.shared)
+    devices = job.arm.device_id, job.laser.device_id, str(context.sensor_mount.T_f_s.tolist())
+    return StationRun(directory, station, summary, joint, causes.left_out, devices)
 
 
 def _copy_runs_from_elsewhere(
@@ -334,12 +329,9 @@ def _folder_in_result(directory: Path, one: StationRun) -> str:
 
 def stitched_profile_points(stitched: StitchedGroove) -> Array:
     """All profile points of the stations, shape (n, 3), metres, in frame j."""
-    return np.concatenate(
-        [
-            all_profile_points(one.fit.station.sections, JointOrBaseFrame(inverse_pose(one.T_j_b)))
-            for one in stitched.stations
-        ]
-    )
+    scans = [one.fit.station.sections for one in stitched.stations]
+    frames = [JointOrBaseFrame(inverse_pose(one.T_j_b)) for one in stitched.stations]
+    return np.concatenate(list(map(all_profile_points, scans, frames)))
 
 
 def _write_stitched_run(
