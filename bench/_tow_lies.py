@@ -17,7 +17,7 @@ from _tows import EXAMPLES, seam_piece
 
 from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.core.frames import Array
-from tjscan.job.tow.cell import TowCell, make_planner, make_tow_cell, sweep_seam
+from tjscan.job.tow.cell import TowCell, check_seam, make_shape_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.run import make_tow
@@ -115,8 +115,8 @@ def tow_spoiled(
     job: TowJob, spoil: Callable[[TowingWorld, SimulatedLocalisation], None]
 ) -> SpoiledTow:
     """Tow in a world that is spoiled."""
-    planner = make_planner(job)
-    sweep = sweep_seam(job, planner)
+    planner = make_shape_planner(job)
+    sweep = check_seam(job, planner)
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     world, seen = cell.world, cell.localisation

@@ -303,10 +303,10 @@ class Replay:
             self._shown = number
             with self.page.server.atomic():
                 for k, show in enumerate(self._shows):
-                    self._move_run(k, show, min(number, len(show.steps) - 1))
+                    self._move_run_to_step(k, show, min(number, len(show.steps) - 1))
                 self.page.recolour()
 
-    def _move_run(self, k: int, show: RecordedShow, number: int) -> None:
+    def _move_run_to_step(self, k: int, show: RecordedShow, number: int) -> None:
         """Draw what differs: all that came until then counts, and what came later is hidden."""
         view, drawn = self.page.views[k], self._drawn[k]
         whole = merge_steps([Step(), *show.steps[: number + 1]])

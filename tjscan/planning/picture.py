@@ -18,7 +18,7 @@ from tjscan.planning.wps import KJ_PER_MM, MM_PER_MIN
 DRAWN_SECTION_PLACES: Final = (0.1, 0.5, 0.9)
 """Where along the groove sections are drawn, as shares of its length."""
 
-KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
+BEAD_KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
 
 
 def draw_plan(plan: WeldPlan) -> Figure:
@@ -34,12 +34,12 @@ def draw_plan(plan: WeldPlan) -> Figure:
         axes = figure.add_subplot(grid[1, 3 * k : 3 * k + 3])
         for bead in plan.beads:
             values = getattr(bead, name) / unit.factor
-            axes.plot(bead.s / MM.factor, values, color=KIND_COLOURS[bead.kind], lw=0.8)
+            axes.plot(bead.s / MM.factor, values, color=BEAD_KIND_COLOURS[bead.kind], lw=0.8)
         for limit in window:
             axes.axhline(limit / unit.factor, color="black", lw=0.8, ls="--")
         axes.set(xlabel="s / mm", ylabel=label)
         for kind in dict.fromkeys(bead.kind for bead in plan.beads):
-            axes.plot([], [], color=KIND_COLOURS[kind], label=kind)
+            axes.plot([], [], color=BEAD_KIND_COLOURS[kind], label=kind)
         axes.plot([], [], color="black", ls="--", label="WPS")
         axes.legend(ncols=4, fontsize="small")
     return figure

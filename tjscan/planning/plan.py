@@ -16,7 +16,7 @@ from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
 from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import LONGEST_STATION_STEP, cut_groove_stations, map_template_onto
-from tjscan.planning.stops import ZERO_SPAN, StationStretch, StopPlacement
+from tjscan.planning.stops import SHORTEST_SPAN, StationStretch, StopPlacement
 from tjscan.planning.topology import LIMIT_TOLERANCE, Arrangement, BeadArranger, NoArrangementFits
 from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN, WeldingProcedure
 
@@ -106,14 +106,14 @@ def findings_of_stops(
             if stops.is_at_open_end(at):
                 continue
             near = stops.distance_to_nearest_landmark(at)
-            if near < wps.sequence.stop_distance - ZERO_SPAN:
+            if near < wps.sequence.stop_distance - SHORTEST_SPAN:
                 text = f"a stop {1e3 * near:.0f} from crown or saddle"
                 yield from _findings_at(bead, "sequence.stop_distance_mm", bead.s == at, text)
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
             away = min((stops.length_between(at, other) for other in below), default=spread)
-            if away < spread - ZERO_SPAN:
+            if away < spread - SHORTEST_SPAN:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
                 yield from _findings_at(bead, "sequence.start_spread_mm", bead.s == at, text)
 

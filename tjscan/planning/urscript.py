@@ -100,12 +100,12 @@ def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, ar
     for one in path.beads:
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
         lines += _movel_lines(one.approach)
-        lines += _bead_moves(one, output, arc=arc)
+        lines += _bead_move_lines(one, output, arc=arc)
         lines += _movel_lines(one.retreat)
     return "\n".join((*lines, "end", ""))
 
 
-def _bead_moves(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
+def _bead_move_lines(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
     if arc:
         yield f"  set_standard_digital_out({output}, True)"
     bead, steps = one.bead, one.bead.path_steps

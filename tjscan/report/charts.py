@@ -36,10 +36,10 @@ STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 MOST_PICTURE_BYTES: Final = 1_000_000
 """A larger picture of stations would make the report too large to send."""
 
-ROOT_WIDTH_INDEX: Final = 1
+ROOT_WIDTH_MEASURE_INDEX: Final = 1
 """Place of the root's width among the measures of a section."""
 
-BOX_MARGIN: Final = 50e-3
+GROOVE_BOX_MARGIN: Final = 50e-3
 """Metres about the corners that the view in space shows."""
 
 
@@ -71,7 +71,7 @@ def indices_near_groove(sections: Sequence[MeasuredSection], points: Array) -> N
 
 def _box_about_groove(sections: Sequence[MeasuredSection]) -> tuple[Array, Array]:
     corners = np.array([section.points for section in sections]).reshape(-1, 3)
-    return corners.min(axis=0) - BOX_MARGIN, corners.max(axis=0) + BOX_MARGIN
+    return corners.min(axis=0) - GROOVE_BOX_MARGIN, corners.max(axis=0) + GROOVE_BOX_MARGIN
 
 
 def _line_with_gaps_outside_box(line: Array, low: Array, high: Array) -> Array:
@@ -212,9 +212,9 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
         axes.grid(alpha=0.3)
     opening = 1e3 * np.array([section.root_opening for section in sections])
     rootless = result_section.absent_corners(sections)[:, 1:].any(axis=1)
-    width = 1e3 * np.array([section.measures[ROOT_WIDTH_INDEX] for section in sections])
+    width = 1e3 * np.array([section.measures[ROOT_WIDTH_MEASURE_INDEX] for section in sections])
     width[~np.isnan(opening) | rootless] = np.nan
-    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH_INDEX] for section in sections])
+    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH_MEASURE_INDEX] for section in sections])
     # An opening ends at p3, the edge of the bevel.
     edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in sections])
     for name, y, sigma, colour in (

@@ -20,7 +20,7 @@ MOST_PROFILES_SHOWN: Final = 6
 """Profiles in the picture, evenly chosen along the groove."""
 
 LEFT_OUT_COLOUR: Final = "#e0a080"
-LEFT_OUT_MARGIN: Final = 8e-3
+LEFT_OUT_POINT_MARGIN: Final = 8e-3
 """Metres about the fitted points within which those left out are shown."""
 
 POINTS_ALONG_SIDE: Final = 40
@@ -88,7 +88,7 @@ def _draw_fitted_profile(
     row, fitted = fit.row, fit.fitted
     keep = fitted.keep
     kept = row.points[keep]
-    low, high = kept.min(axis=0) - LEFT_OUT_MARGIN, kept.max(axis=0) + LEFT_OUT_MARGIN
+    low, high = kept.min(axis=0) - LEFT_OUT_POINT_MARGIN, kept.max(axis=0) + LEFT_OUT_POINT_MARGIN
     near = ~keep & (row.points > low).all(axis=1) & (row.points < high).all(axis=1)
     for part, colour, name in ((keep, LASER_COLOUR, "fitted"), (near, LEFT_OUT_COLOUR, "left out")):
         axes.plot(*_z_and_x_mm(row.points[part]), ".", color=colour, markersize=3, label=name)

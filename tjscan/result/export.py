@@ -123,7 +123,7 @@ def _json_values(
 
 Format = Literal["csv", "ply", "json", "weldx"]
 
-EXPORT_STEM: Final = "export"
+EXPORT_FILE_STEM: Final = "export"
 """Name of the file in the run directory, if none is given."""
 
 
@@ -159,7 +159,7 @@ def export_run(
         )
     run, calibration = directory.resolve().name, summary.calibration
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, units)
-    file = out or directory / f"{EXPORT_STEM}.{to}"
+    file = out or directory / f"{EXPORT_FILE_STEM}.{to}"
     if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError("is no file in a folder that exists", file=file, key="--out")
     with write_files_atomically(file.parent) as draft:

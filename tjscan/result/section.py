@@ -28,7 +28,7 @@ IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
 
 UNIT_SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
 CORNER_NUMBERS: Final = (2, 3, 4)
-NOT_NEGATIVE: Final = (0.0, np.inf)
+ZERO_OR_MORE: Final = (0.0, np.inf)
 """Bounds of a quantity that may be zero or more."""
 
 WORD_SEPARATOR: Final = "; "
@@ -254,14 +254,14 @@ def _text_field(name: str, meaning: str) -> SectionQuantity:
 
 def _sigma_field(name: str, meaning: str, unit: FileUnit, **more: Any) -> SectionQuantity:
     """Standard deviations, printed with six significant digits."""
-    return SectionQuantity(name, meaning, unit, decimals=None, bounds=NOT_NEGATIVE, **more)
+    return SectionQuantity(name, meaning, unit, decimals=None, bounds=ZERO_OR_MORE, **more)
 
 
 def _entry_getter(name: str, k: int) -> TakeValues:
     return lambda sections: np.array([getattr(section, name)[k] for section in sections])
 
 
-def _correlations_getter(sections: Sequence[MeasuredSection]) -> Array:
+def _measure_correlations(sections: Sequence[MeasuredSection]) -> Array:
     """Correlations of pairs of measures, shape (n, 6); zero if nothing varies."""
     covariances = np.array([s.measure_covariance[MEASURE_PAIRS] for s in sections]).reshape(-1, 6)
     scales = np.reshape([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections], (-1, 6))
@@ -309,7 +309,7 @@ SIGMA_FIELDS: Final = tuple(
 
 SECTION_FIELDS: Final = (
     SectionQuantity(
-        "index", "number of the section in its scan", NO_UNIT, decimals=0, bounds=NOT_NEGATIVE
+        "index", "number of the section in its scan", NO_UNIT, decimals=0, bounds=ZERO_OR_MORE
     ),
     SectionQuantity(
         "station", "from where it was scanned; several joined by +", NO_UNIT, text=True
@@ -339,7 +339,7 @@ SECTION_FIELDS: Final = (
     *MEASURE_FIELDS,
     SectionQuantity("work_angle", "from z of g to the middle of the groove angle", DEG),
     SectionQuantity(
-        "rms", "of the profile's points about the fitted sides", MM, bounds=NOT_NEGATIVE
+        "rms", "of the profile's points about the fitted sides", MM, bounds=ZERO_OR_MORE
     ),
     SectionQuantity(
         "origin",
@@ -364,7 +364,7 @@ SECTION_FIELDS: Final = (
         "correlations",
         "of pairs of measures: " + ", ".join(f"{a} and {b}" for a, b in MEASURE_NAME_PAIRS),
         NO_UNIT,
-        _correlations_getter,
+        _measure_correlations,
         tuple(f"corr_{a}_{b}" for a, b in MEASURE_NAME_PAIRS),
         (6,),
         5,
@@ -422,7 +422,7 @@ SECTION_FIELDS: Final = (
         "distance of an open root's edge from the leg, empty where the root is not open; its "
         "standard deviation is sigma_root_width",
         MM,
-        bounds=NOT_NEGATIVE,
+        bounds=ZERO_OR_MORE,
         later=True,
     ),
     _sigma_field(

@@ -201,7 +201,7 @@ def _section_of_row(row: _SectionRow) -> MeasuredSection:
 CORNER_NORMALS: Final = ("wall_normal", "wall_normal", "bevel_normal", "leg_normal", "leg_normal")
 """Whose normal p1 to p5 are given: that of the surface they belong to."""
 
-SECTION_PROPERTIES: Final = (
+PLY_SECTION_FIELDS: Final = (
     *(("double", axis) for axis in "xyz"),
     *(("float", f"n{axis}") for axis in "xyz"),
     *(("float", f"tangent_{axis}") for axis in "xyz"),
@@ -253,7 +253,7 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
     )
     lines = [" ".join(f"{value:.10g}" for value in row) for row in np.hstack(columns)]
     return (
-        _ply_head("ascii", provenance, 5 * n, SECTION_PROPERTIES) + "\n".join([*lines, ""]).encode()
+        _ply_head("ascii", provenance, 5 * n, PLY_SECTION_FIELDS) + "\n".join([*lines, ""]).encode()
     )
 
 

@@ -167,7 +167,7 @@ class ChainOutcome:
         return float(np.mean(self.corner_errors))
 
     @property
-    def own_frame_error_mean(self) -> float:
+    def mean_own_frame_error(self) -> float:
         """Mean distance of the corners from the edges in the frame of the tubes, metres."""
         return float(np.mean(self.in_own_frame))
 

@@ -17,7 +17,7 @@ from tjscan.result.chapter import ChapterWriter
 from tjscan.result.directory import JOB_FILE
 from tjscan.study.trial import StudyBackend
 
-SHOWN_RECORDINGS: Final = ("measured", "crawl", "scan", "tow")
+LIVE_PAGE_RECORDINGS: Final = ("measured", "crawl", "scan", "tow")
 """What the names of the recordings begin with that the live page shows."""
 
 
@@ -98,7 +98,7 @@ def read_recorded_show(directory: Path) -> RecordedShow:
 
     readers: list[ShowReader]
     readers = [read_calibration_show, read_crawl_show, read_scan_show, read_tow_show]
-    for recording, read in zip(SHOWN_RECORDINGS, readers, strict=True):
+    for recording, read in zip(LIVE_PAGE_RECORDINGS, readers, strict=True):
         if recording_files(directory, recording)[0].is_file():
             show, entries = read(directory)
             if not (steps := tuple(map(show.step, entries))):

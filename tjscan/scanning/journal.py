@@ -309,15 +309,15 @@ class ScannedSurfaceObstacle:
     ) -> None:
         self._clearance = clearance
         self._points_b = [section.points_b for section in sections]
-        self._update()
+        self._update_obstacle()
 
     def record(self, message: object) -> None:
         """Add the strip from the last section to this one; false points of profiles are none."""
         if isinstance(message, ScannedSection):
             self._points_b.append(message.points_b)
-            self._update()
+            self._update_obstacle()
 
-    def _update(self) -> None:
+    def _update_obstacle(self) -> None:
         if len(self._points_b) > 1:
             points = np.array(self._points_b)
             triangles = grid_triangles(*points.shape[:2])

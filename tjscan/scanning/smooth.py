@@ -167,7 +167,7 @@ MOST_SOLVER_ROUNDS: Final = 30
 CONVERGED_VIEW_STEP: Final = 1e-7
 """Metres and radians: a smaller step ends the search for the section."""
 
-SAFETY_SIGMAS: Final = 3.0
+MARGIN_SIGMAS: Final = 3.0
 """Standard deviations that are kept from the tolerances of a view: a view planned at
 their edge often needs a correction."""
 
@@ -278,8 +278,8 @@ def _rotation_tolerance_left(
     about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
     aside = max(covariance[4, 4], covariance[5, 5])
     origin, opening = track.shape_sigmas[-1, [0, 2]]
-    work_angle = criterion.work_angle - SAFETY_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
-    rotation = criterion.rotation - SAFETY_SIGMAS * hypot(sqrt(aside), origin / step)
+    work_angle = criterion.work_angle - MARGIN_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
+    rotation = criterion.rotation - MARGIN_SIGMAS * hypot(sqrt(aside), origin / step)
     return max(0.0, work_angle), max(0.0, rotation)
 
 

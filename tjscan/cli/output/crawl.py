@@ -73,7 +73,7 @@ def print_passes(directory: Path, *, json: bool) -> None:
     if json:
         print_json({"directory": str(directory), "passes": rows})
         return
-    _print_rows(rows, f"{directory / PASSES_FILE}")
+    _print_pass_rows(rows, f"{directory / PASSES_FILE}")
 
 
 def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: bool) -> None:
@@ -82,7 +82,7 @@ def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: b
         print_json(runs)
         return
     for name, rows in runs.items():
-        _print_rows(rows, name)
+        _print_pass_rows(rows, name)
 
 
 def print_crawler_sizing(figures: Sequence[SizeFigure], *, json: bool) -> None:
@@ -115,7 +115,7 @@ def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: boo
     )
 
 
-def _print_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
+def _print_pass_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
     if not rows:
         print_message(f"{title}: no pass was welded")
         return

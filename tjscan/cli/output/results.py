@@ -34,7 +34,7 @@ from tjscan.uncertainty.budget import budget_in_words
 MOST_LISTED_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
 
-MOST_PROFILES_INVERTED: Final = 10
+MOST_PROFILES_TRIED_INVERTED: Final = 10
 """Profiles that are read with heights turned round if none shows a groove."""
 
 
@@ -97,7 +97,7 @@ def _corner_cells(reading: ProfileReading) -> dict[str, str]:
 
 def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
     """Print on stderr if profiles without a groove show one once their heights change sign."""
-    few = dict(islice(profiles.items(), MOST_PROFILES_INVERTED))
+    few = dict(islice(profiles.items(), MOST_PROFILES_TRIED_INVERTED))
     turned = {name: flip_heights(p) for name, p in few.items() if p.valid.any()}
     found = sum(reading.refusal is None for reading in measure_grooves(turned, settings))
     if 2 * found > len(turned):
@@ -190,7 +190,7 @@ def draw_profile(reading: ProfileReading, columns: int, rows: int) -> list[str]:
     if not len(x):
         return ["no point in range"]
     canvas = np.full((rows, columns), " ")
-    (left, right), (top, bottom) = _value_span(x), _value_span(z)
+    (left, right), (top, bottom) = _nonempty_span(x), _nonempty_span(z)
     across, down = (columns - 1) / (right - left), (rows - 1) / (bottom - top)
     canvas[np.round((z - top) * down).astype(int), np.round((x - left) * across).astype(int)] = (
         POINT_MARK
@@ -254,7 +254,7 @@ def _reading_with_time(reading: ProfileReading) -> dict[str, object]:
     }
 
 
-def _value_span(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float]:
+def _nonempty_span(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float]:
     """Least and greatest value; never the same."""
     low, high = float(values.min()), float(values.max())
     return (low, high) if high > low else (low - 0.5, high + 0.5)

@@ -79,13 +79,13 @@ def print_stitched_groove(done: StitchedRun, directory: Path, *, json: bool) -> 
     if json:
         print_json({"summary": done.summary, "stitching": done.report})
         return
-    print_fields(_stitched_lines(done.summary, done.report))
+    print_fields(_stitching_rows(done.summary, done.report))
     print_message(
         f"written to {directory}; see report.html, and stations.json for how it was stitched"
     )
 
 
-def _stitched_lines(
+def _stitching_rows(
     summary: results.ScanSummary, report: results.StitchingReport
 ) -> Iterator[tuple[str, str]]:
     first = report.stations[0]

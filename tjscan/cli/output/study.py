@@ -53,7 +53,7 @@ def print_study_outcome(rows: Sequence[StudyRow[Any]], directory: Path, *, json:
 def print_error_sources(rows: Sequence[ErrorSourceRow], *, json: bool) -> None:
     """Print what each source of error leaves, on stderr, and as JSON on stdout if asked."""
     head = ("source alone", "corners mean mm", "p95 mm", "in own frame mm", "T_f_s off by")
-    print_figures_table(head, [(row.source, *_outcome_cells(row.outcome)) for row in rows])
+    print_figures_table(head, [(row.source, *_chain_outcome_cells(row.outcome)) for row in rows])
     for row in rows:
         if row.outcome is None:
             print_message(f"{row.source}: {row.refusal}")
@@ -64,10 +64,10 @@ def print_error_sources(rows: Sequence[ErrorSourceRow], *, json: bool) -> None:
                 f"{1e3 * after:.3f} mm calibrated"
             )
     if json:
-        print(dumps([_outcome_to_dict(row) for row in rows], indent=2))
+        print(dumps([_chain_outcome_to_dict(row) for row in rows], indent=2))
 
 
-def outcome_line(row: ErrorSourceRow) -> str:
+def chain_outcome_line(row: ErrorSourceRow) -> str:
     """What one source leaves, in a line, as soon as it is known."""
     if row.outcome is None:
         return "  refused"
@@ -77,14 +77,14 @@ def outcome_line(row: ErrorSourceRow) -> str:
     )
 
 
-def _outcome_cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
+def _chain_outcome_cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
     if outcome is None:
         return ("refused", "", "", "")
-    errors = (outcome.mean_corner_error, outcome.p95_corner_error, outcome.own_frame_error_mean)
+    errors = (outcome.mean_corner_error, outcome.p95_corner_error, outcome.mean_own_frame_error)
     return (*(f"{1e3 * error:.3f}" for error in errors), mount_error_in_words(outcome))
 
 
-def _outcome_to_dict(row: ErrorSourceRow) -> dict[str, Any]:
+def _chain_outcome_to_dict(row: ErrorSourceRow) -> dict[str, Any]:
     one = row.outcome
     if one is None:
         return {"source": row.source, "refused": row.refusal}
@@ -92,7 +92,7 @@ def _outcome_to_dict(row: ErrorSourceRow) -> dict[str, Any]:
         "source": row.source,
         "corners_mean_mm": 1e3 * one.mean_corner_error,
         "corners_p95_mm": 1e3 * one.p95_corner_error,
-        "corners_in_own_frame_mean_mm": 1e3 * one.own_frame_error_mean,
+        "corners_in_own_frame_mean_mm": 1e3 * one.mean_own_frame_error,
         "mount_error_mm_deg": [*1e3 * one.mount_error[:3], *np.degrees(one.mount_error[3:])],
         "mount_nees": one.mount_nees,
         "held_out_mm": None if one.held_out is None else [1e3 * v for v in one.held_out],

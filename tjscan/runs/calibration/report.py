@@ -44,7 +44,7 @@ def calibration_chapter(directory: Path) -> ReportChapter:
     return ReportChapter(facts=(("calibration", fact),))
 
 
-NO_BASIS: Final = BasisEntry(target="")
+EMPTY_CALIBRATION_BASIS: Final = BasisEntry(target="")
 """Of a calibration whose file does not hold what it rests on."""
 
 MOST_LISTED_LEFT_OUT_PROFILES: Final = 4
@@ -92,7 +92,7 @@ def _pose_headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
 
 
 def _calibration_facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
-    basis = found.basis or NO_BASIS
+    basis = found.basis or EMPTY_CALIBRATION_BASIS
     yield "devices", f"arm {found.arm}, laser {found.laser}, {found.date:%Y-%m-%d %H:%M} UTC"
     target = basis.target or "not kept by the version that wrote the file"
     yield "target", f"{target}; {found.method}"
@@ -125,12 +125,12 @@ def _calibration_facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
             f"{fresh.offset_mm:+.3f} mm and {fresh.tilt_deg:+.4f}° off; {fresh.misfit:.1f} "
             f"standard deviations, {fresh.limit:.1f} may be",
         )
-    yield "errors stated", _noise_in_words(found.noise, found.geometry_mm)
+    yield "errors stated", _noise_model_in_words(found.noise, found.geometry_mm)
     if found.kinematics is not None:
-        yield "arm", _arm_in_words(found.kinematics)
+        yield "arm", _calibrated_arm_in_words(found.kinematics)
 
 
-def _noise_in_words(noise: NoiseModel, geometry_mm: float) -> str:
+def _noise_model_in_words(noise: NoiseModel, geometry_mm: float) -> str:
     return (
         f"range {1e3 * noise.range:g} mm, pose {1e3 * noise.position:g} mm and "
         f"{np.degrees(noise.rotation):.3g}° each axis, touch {1e3 * noise.touch:g} mm; the arm's "
@@ -138,7 +138,7 @@ def _noise_in_words(noise: NoiseModel, geometry_mm: float) -> str:
     )
 
 
-def _arm_in_words(arm: ArmKinematicsEntry) -> str:
+def _calibrated_arm_in_words(arm: ArmKinematicsEntry) -> str:
     left = arm.left_as_stated
     return (
         f"{arm.model}: six deviations of each of {len(arm.deviations)} joints; left as the maker "
@@ -154,7 +154,7 @@ def _calibration_findings(directory: Path, found: CalibrationFile) -> Iterator[s
             yield "Simulated: no real arm or laser measured this."
     if found.T_b_s_mm is not None:
         yield "The sensor is fixed in the room: this is its pose in the arm's base."
-    basis = found.basis or NO_BASIS
+    basis = found.basis or EMPTY_CALIBRATION_BASIS
     for line in (*basis.caveats, *basis.left_out[:MOST_LISTED_LEFT_OUT_PROFILES]):
         yield f"{line[:1].upper()}{line[1:]}."
     if (more := len(basis.left_out) - MOST_LISTED_LEFT_OUT_PROFILES) > 0:
@@ -192,7 +192,7 @@ def _charts_of_tilts(found: CalibrationFile) -> Iterator[ReportChart]:
     # An arm's calibration solves with some of its profiles, and is checked by the others.
     other = LEFT_OUT_PROFILES_LABEL if found.kinematics is None else "others"
     shown: dict[str, list[tuple[float, float]]] = {USED_PROFILES_LABEL: []}
-    for view in (found.basis or NO_BASIS).views:
+    for view in (found.basis or EMPTY_CALIBRATION_BASIS).views:
         place = view.tilt_deg, np.radians(view.azimuth_deg)
         shown.setdefault(used.get(view.name, other), []).append(place)
     for line, places in shown.items():
@@ -204,7 +204,7 @@ def _charts_of_tilts(found: CalibrationFile) -> Iterator[ReportChart]:
 
 
 def _charts_of_uncertainty(found: CalibrationFile) -> Iterator[ReportChart]:
-    steps = (found.basis or NO_BASIS).shrinking
+    steps = (found.basis or EMPTY_CALIBRATION_BASIS).shrinking
     title, caption = "uncertainty over the number of lines", "Of the result, after each line."
     lines = np.array([step.lines for step in steps])
     for line, values in (

@@ -80,7 +80,7 @@ class InMemoryCrawlJournal:
                 self.places.append((self.cycles[-1], self._truth()))
 
 
-def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
+def crawl_for_study(job: CrawlJob) -> CrawlOutcome:
     """Execute one crawl of a study and return its outcome; nothing is written.
 
     Parameters
@@ -156,7 +156,7 @@ class CrawlStudyBackend(trial.StudyBackend[CrawlOutcome]):
 
     def execute_run(self, settings: str) -> CrawlOutcome:
         """Execute one crawl; see `StudyBackend.execute_run`."""
-        return run_study_crawl(validate_table(CrawlJob, json.loads(settings)))
+        return crawl_for_study(validate_table(CrawlJob, json.loads(settings)))
 
 
 CRAWL_STUDY: Final = CrawlStudyBackend()

@@ -68,7 +68,7 @@ class CalibrationShow:
             case logbook.StartOrResumeEntry():
                 return Step("begun", facts={"lines": f"0 of {self._plan.lines}"})
             case logbook.BoardTouch():
-                return self._touch_step(entry)
+                return self._page_step_of_touch(entry)
             case logbook.LaserLineTaken(shot, for_verification):
                 return self._profile_step("verification" if for_verification else shot.name, shot)
             case logbook.ArmPoseTaken():
@@ -77,7 +77,7 @@ class CalibrationShow:
             case logbook.SkippedPose():
                 return Step("skipped", events=(("passed over", entry.reason),))
             case CalibrationProgress():
-                return self._progress_step(entry)
+                return self._page_step_of_progress(entry)
         return Step()
 
     def draw_next_pose(self, T_b_f: Array | None) -> Step:
@@ -114,7 +114,7 @@ class CalibrationShow:
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
 
-    def _touch_step(self, touch: logbook.BoardTouch) -> Step:
+    def _page_step_of_touch(self, touch: logbook.BoardTouch) -> Step:
         label = f"place {touch.place_number + 1}"
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
@@ -136,7 +136,7 @@ class CalibrationShow:
             drawn[f"line/{label}"] = Lines.through(seen, colour=LASER_COLOUR, width=2.5)
         return Step(label, drawn, {"taken": label}, profile=PlaneCurve.of_profile(shot.profile))
 
-    def _progress_step(self, progress: CalibrationProgress) -> Step:
+    def _page_step_of_progress(self, progress: CalibrationProgress) -> Step:
         """How sure the pose is after each line; the lines in the table, and where they belong."""
         sure, taken = progress.uncertainty, len(progress.samples)
         values = {
@@ -166,7 +166,7 @@ def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[ob
     return show, logbook.read_calibration_entries(directory)
 
 
-PREVIEW_INTERVAL: Final = 0.2
+PROFILE_PREVIEW_INTERVAL: Final = 0.2
 """Seconds between two profiles of a real laser while an answer is awaited."""
 
 ANSWER_BUTTONS: Final[tuple[tuple[Answer, Tone, str], ...]] = (
@@ -247,7 +247,7 @@ class PageOperator:
             return self._pressed.get()
         while True:
             with suppress(Empty):
-                return self._pressed.get(timeout=PREVIEW_INTERVAL)
+                return self._pressed.get(timeout=PROFILE_PREVIEW_INTERVAL)
             try:
                 profile = PlaneCurve.of_profile(look())
                 self._run.record(Step(facts={"laser": ""}, profile=profile))

@@ -42,7 +42,7 @@ DRAWN_WELD_PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
 DRAWN_WELD_WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
-SECONDS_BETWEEN_STEPS: Final = 0.25
+SECONDS_BETWEEN_PAGE_STEPS: Final = 0.25
 """Seconds of the vehicle's clock between two steps of a recording."""
 
 SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
@@ -208,7 +208,7 @@ def _read_thinned_entries(directory: Path) -> Iterator[object]:
         match entry:
             case CrawlCycle(state=state, profile=profile):
                 if state.time >= due:
-                    due, with_profile = state.time + SECONDS_BETWEEN_STEPS, True
+                    due, with_profile = state.time + SECONDS_BETWEEN_PAGE_STEPS, True
                     yield entry
                 if profile is not None and with_profile:
                     with_profile = False

@@ -262,7 +262,7 @@ class StationReach:
         """
         first, last = self.longest or (0, 0)
         spins, q = self.holds.path(first, last)
-        q = _turned_within_limits(q, self.station)
+        q = _turn_joints_within_limits(q, self.station)
         at = self._along(np.arange(first, last + 1))
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
@@ -433,7 +433,7 @@ def _nearest_point_of_bead(bead: PlannedBead, s: float, edges: GrooveEdges) -> t
     return i, float(away[i])
 
 
-def _turned_within_limits(q: Array, station: WeldingStation) -> Array:
+def _turn_joints_within_limits(q: Array, station: WeldingStation) -> Array:
     """Joint angles of a path, shape (k, n), whole turns on so that they are within their limits."""
     arm = station.kinematics
     middle = 0.5 * (arm.lower + arm.upper)

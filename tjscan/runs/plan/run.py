@@ -83,7 +83,7 @@ def add_file_to_plan_errors(wps_file: Path, sections: Path) -> Iterator[None]:
         raise ConfigurationError(error.message, file=named, key=error.key) from None
 
 
-def _check_stated_passes(sections: Sequence[MeasuredSection], after_pass: int) -> None:
+def _check_passes_are_stated(sections: Sequence[MeasuredSection], after_pass: int) -> None:
     """Refuse a groove with weld in it if no passes are stated: its root would be welded again."""
     welded = [k for k, one in enumerate(sections, 1) if WELD_IN_GROOVE in one.conditions]
     if welded and not after_pass:
@@ -346,7 +346,7 @@ def plan_run(
     wps = read_wps(wps_file)
     summary, sections = read_finished_sections(directory)
     with add_file_to_plan_errors(wps_file, directory / SECTIONS_FILE):
-        _check_stated_passes(sections, after_pass)
+        _check_passes_are_stated(sections, after_pass)
         # By what the areas of all sections err alike, m²; 0 if that is not known.
         parts = () if summary.uncertainty is None else summary.uncertainty.components
         areas = [part.area_mm2 for part in parts if part.shared]
@@ -374,7 +374,7 @@ def plan_run(
     return write_plan(directory, out, wps_file, divided, provenance, programs, details)
 
 
-AVERAGING_LENGTH: Final = 20e-3
+AVERAGED_LENGTH: Final = 20e-3
 """Metres along the joint whose profiles make a section."""
 
 FEWEST_PROFILES: Final = 3
@@ -502,7 +502,7 @@ def butt_joint_edges(
     depths = np.array([reading.depth_left for _, reading in readings])
     usual = [np.median(depths[np.abs(places - at) <= MEDIAN_DEPTH_REACH]) for at in places]
     higher = np.array(usual) - depths
-    station = (places / AVERAGING_LENGTH).astype(int)
+    station = (places / AVERAGED_LENGTH).astype(int)
     middles, tacked, rows = [], [], []
     for k in np.unique(station):
         is_there = station == k
@@ -514,13 +514,13 @@ def butt_joint_edges(
     if len(rows) < FEWEST_PROFILES + 1:
         raise ConfigurationError(
             f"the joint's edges and root were read at {len(rows)} stations of "
-            f"{1e3 * AVERAGING_LENGTH:.0f} mm along the weld; {FEWEST_PROFILES + 1} or more are "
+            f"{1e3 * AVERAGED_LENGTH:.0f} mm along the weld; {FEWEST_PROFILES + 1} or more are "
             "needed",
             key="profiles",
         )
     means, spreads, area_sigmas = [], [], []
     for row in rows:
-        flat = np.stack([_trapezoid_of_reading(reading) for _, reading in row])
+        flat = np.stack([_groove_corners_of_reading(reading) for _, reading in row])
         areas = np.array([reading.area_left for _, reading in row])
         along = np.full((4, 1), np.mean([at for at, _ in row]))
         means.append(np.hstack((along, flat.mean(axis=0) * (1, -1))))
@@ -546,7 +546,7 @@ def _read_along_weld(seen: PlacedProfiles, length: float) -> list[tuple[float, B
     return found
 
 
-def _trapezoid_of_reading(reading: ButtJointReading) -> Array:
+def _groove_corners_of_reading(reading: ButtJointReading) -> Array:
     """p3, p4, g and p2 across the joint from its centre, and out of the hull, shape (4, 2)."""
     across, into = reading.joint_coordinates(*reading.edges.T)
     width = float(across[1] - across[0])

@@ -262,7 +262,7 @@ def resume_scan(context: ScanContext, overrides: Iterable[str] = ()) -> ScanSumm
         As `run_scan` does.
     """
     directory = context.job_file.parent
-    refuse_links_outside(directory, *run.COPIED_FILES)
+    refuse_links_outside(directory, *run.RUN_INPUT_FILES)
     check_keys_replaceable(overrides, context.job_file)
     with add_file_to_errors(context.job_file), lock_and_clean_directory(directory):
         context = context.at_station()

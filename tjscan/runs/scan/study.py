@@ -331,12 +331,12 @@ def teach_start_poses(
         # At home the arm looks at the middle of the arc.
         (middle,) = azimuths_at_plan_shares(definition, azimuth, plan, [0.5])
         T_b_j = T_b_s_home @ inverse_pose(ideal_sensor_pose(definition, middle, plan))
-        changed["joint"] = {"file": job.joint.file} | _pose_table(T_b_j)
-    first, second = (_pose_table(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
+        changed["joint"] = {"file": job.joint.file} | _pose_to_table(T_b_j)
+    first, second = (_pose_to_table(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
     return azimuth_deg, changed | {"scan": scan | {"first": first, "second": second}}
 
 
-def _pose_table(T: Array) -> dict[str, Any]:
+def _pose_to_table(T: Array) -> dict[str, Any]:
     """A pose as files write it, to a micrometre and a microdegree."""
     position, angles = frames.pose_to_euler_zyx(T)
     return {
@@ -443,7 +443,7 @@ MOST_CACHED_EDGES = 4
 """Joints whose edges a process keeps: trials of one joint follow each other."""
 
 
-def run_study_scan(settings: StudyScanSettings) -> ScanOutcome:
+def scan_for_study(settings: StudyScanSettings) -> ScanOutcome:
     """Execute one scan of a study and return its outcome.
 
     Raises
@@ -502,8 +502,8 @@ _cached_feature_edges = lru_cache(maxsize=MOST_CACHED_EDGES)(feature_edges)
 
 STEP_KEY: Final = "scan.step_mm"
 JOINT_PREFIX: Final = "joint."
-RULE_PREFIX: Final = "rule."
-JOINT_TABLES: Final = tuple(JointFile.model_fields)
+DERIVED_RULE_PREFIX: Final = "rule."
+JOINT_FILE_TABLES: Final = tuple(JointFile.model_fields)
 AZIMUTH_KEY: Final = "rule.start_azimuth_deg"
 
 
@@ -550,7 +550,7 @@ class ScanStudyBackend(trial.StudyBackend[ScanOutcome]):
 
     def execute_run(self, settings: str) -> ScanOutcome:
         """Execute one scan; see `StudyBackend.execute_run`."""
-        return run_study_scan(StudyScanSettings.from_json_text(settings))
+        return scan_for_study(StudyScanSettings.from_json_text(settings))
 
 
 SCAN_STUDY: Final = ScanStudyBackend()
@@ -563,17 +563,17 @@ def _split_keys(
     job, joint, rule = {}, {}, {}
     for key, value in keys.items():
         table, _, inner = key.removeprefix(JOINT_PREFIX).partition(".")
-        if key.startswith(RULE_PREFIX):
-            rule[key.removeprefix(RULE_PREFIX)] = value
-        elif key.startswith(JOINT_PREFIX) and inner and table in JOINT_TABLES:
+        if key.startswith(DERIVED_RULE_PREFIX):
+            rule[key.removeprefix(DERIVED_RULE_PREFIX)] = value
+        elif key.startswith(JOINT_PREFIX) and inner and table in JOINT_FILE_TABLES:
             joint[key.removeprefix(JOINT_PREFIX)] = value
         elif key.startswith(JOINT_PREFIX) and table not in JointSettings.file_key_types():
-            nearest = nearest_word(table, (*JOINT_TABLES, *JointSettings.file_key_types()))
+            nearest = nearest_word(table, (*JOINT_FILE_TABLES, *JointSettings.file_key_types()))
             reason = f"unknown key; did you mean: {JOINT_PREFIX}{nearest}?"
             raise ConfigurationError(reason, key=key)
         else:
             job[key] = value
-    with _prefix_error_keys(RULE_PREFIX):
+    with _prefix_error_keys(DERIVED_RULE_PREFIX):
         return job, joint, validate_table(DerivedKeySettings, rule)
 
 

@@ -31,7 +31,7 @@ from tjscan.result import summary as results
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
+from tjscan.runs.run import RUN_INPUT_FILES, WhenFinished, do_nothing
 from tjscan.runs.scan.results import all_profile_points, corner_errors, write_run_results
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
@@ -276,7 +276,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / run_files.JOB_FILE
-    check_as_written(*(directory / name for name in COPIED_FILES))
+    check_as_written(*(directory / name for name in RUN_INPUT_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         if len(job.station) != 1:
@@ -311,20 +311,20 @@ def _copy_runs_from_elsewhere(
     """Copy the runs from elsewhere, and the joint, into the directory of the result."""
     with write_files_atomically(directory, listed=True) as draft:
         for one in read:
-            if not _is_inside(directory, one):
+            if not _is_station_inside(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
         file = read[0].directory / run_files.JOINT_FILE
         if joint is not None and file.is_file() and not (directory / run_files.JOINT_FILE).exists():
             shutil.copyfile(file, draft / run_files.JOINT_FILE)
 
 
-def _is_inside(directory: Path, one: StationRun) -> bool:
+def _is_station_inside(directory: Path, one: StationRun) -> bool:
     return one.directory.resolve().parent == directory.resolve()
 
 
 def _folder_in_result(directory: Path, one: StationRun) -> str:
     """What a station's run is called inside the result, wherever that is moved to."""
-    return one.directory.resolve().name if _is_inside(directory, one) else one.station.name
+    return one.directory.resolve().name if _is_station_inside(directory, one) else one.station.name
 
 
 def stitched_profile_points(stitched: StitchedGroove) -> Array:

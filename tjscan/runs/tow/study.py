@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError, TowHalted, VehicleFault
-from tjscan.job.tow.cell import make_planner, make_tow_cell, sweep_seam
+from tjscan.job.tow.cell import check_seam, make_shape_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.runs.tow.results import key_figures_of_tow
 from tjscan.runs.tow.run import make_tow
@@ -73,7 +73,7 @@ class InMemoryTowJournal:
             self.truths.append(self._truth())
 
 
-def run_study_tow(job: TowJob) -> TowOutcome:
+def tow_for_study(job: TowJob) -> TowOutcome:
     """Execute one tow of a study and return its outcome; nothing is written.
 
     Parameters
@@ -86,8 +86,8 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     ConfigurationError
         If such a tow can't be.
     """
-    planner = make_planner(job)
-    sweep = sweep_seam(job, planner)
+    planner = make_shape_planner(job)
+    sweep = check_seam(job, planner)
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     assert cell.truth is not None
@@ -138,7 +138,7 @@ class TowStudyBackend(trial.StudyBackend[TowOutcome]):
 
     def execute_run(self, settings: str) -> TowOutcome:
         """Execute one tow; see `StudyBackend.execute_run`."""
-        return run_study_tow(validate_table(TowJob, json.loads(settings)))
+        return tow_for_study(validate_table(TowJob, json.loads(settings)))
 
 
 TOW_STUDY: Final = TowStudyBackend()
