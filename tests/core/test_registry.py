@@ -11,7 +11,11 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.job.crawl.job import TORCH_DRIVERS
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
-from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, VEHICLE_DRIVERS
+from tjscan.vehicle.drivers import (
+    LOCALISATION_DRIVERS,
+    TOWING_VEHICLE_DRIVERS,
+    VEHICLE_DRIVERS,
+)
 
 KNOWN: DriverRegistry[object] = DriverRegistry("thing", {"pi": "math:pi", "tau": "math:tau"})
 
@@ -22,7 +26,10 @@ def test_an_entry_is_loaded_when_it_is_asked_for() -> None:
 
 @pytest.mark.parametrize(
     "registry",
-    [ARM_DRIVERS, LASER_DRIVERS, VEHICLE_DRIVERS, LOCALISATION_DRIVERS, TORCH_DRIVERS],
+    [
+        *(ARM_DRIVERS, LASER_DRIVERS, VEHICLE_DRIVERS),
+        *(TOWING_VEHICLE_DRIVERS, LOCALISATION_DRIVERS, TORCH_DRIVERS),
+    ],
     ids=lambda registry: registry.kind,
 )
 def test_every_driver_of_this_package_is_where_its_registry_names_it(

@@ -179,3 +179,6 @@ def test_simulated_vehicles_are_as_stated_and_else_as_the_job_has_them() -> None
     truly = {"towing_vehicle": {"body_radius_mm": 200, "force_n": 12}}
     world = towing_world_of_job(make_job(vehicles=vehicles, simulation=truly)).vehicle
     assert (world.body_radius, world.force) == (0.2, 12.0)
+    usual = {"towing_vehicle": {"body_radius_mm": 150, "force_n": 60}}
+    world = towing_world_of_job(make_job(vehicles=vehicles, simulation=usual)).vehicle
+    assert (world.body_radius, world.force) == (0.15, 60.0)

@@ -264,7 +264,7 @@ def test_links_that_need_no_clearance_from_walls_keep_clear_of_discs_and_name_th
     inputs = next_inputs(begun)
     limits = planner().limited_problem(begun.angles, replace(inputs, obstacles=[beside]))
     rows = limits.rows(begun.angles)
-    (row,) = [one for one in rows if one["link"] == link and one["kind"] == 0]
+    row = next(one for one in rows if one["link"] == link and one["kind"] == 0)
     assert row["margin"] == pytest.approx(0.06 - 0.05 - 0.02, abs=2e-6)
     text = limits.describe(row, BROKEN_LIMIT_TEXTS)
     assert f"link {link} would be 10 mm too near to jack" in text

@@ -177,6 +177,11 @@ class DriverRegistry(Generic[F]):
         return {**{point.name: point.value for point in added}, **self.own}
 
     @property
+    def table_key(self) -> str:
+        """Table of a job file that names an entry."""
+        return (self.key or self.kind).partition(".")[0]
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of all entries, in alphabetical order."""
         return tuple(sorted(self._places))

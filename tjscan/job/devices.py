@@ -107,7 +107,7 @@ class DeviceSettings(units.SettingsTable):
         try:
             return validate_table(table, {})
         except ConfigurationError as error:
-            name = f"{self.registry.kind}.{self.driver}"
+            name = f"{self.registry.table_key}.{self.driver}"
             lacks = f": {error.message}" if error.key is None else f" with {error.key}"
             raise ConfigurationError(
                 f"driver {self.driver!r} needs a table [{name}]{lacks}", key=self.registry.key
@@ -160,7 +160,7 @@ class DeviceSettings(units.SettingsTable):
             if name in keys and (driver == name or isinstance(data.get(name), dict)):
                 raise ConfigurationError(
                     f"a package registers the driver {name!r}, and that is a key of the table "
-                    f"[{cls.registry.kind}]: it has to register it by another name",
+                    f"[{cls.registry.table_key}]: it has to register it by another name",
                     key=cls.registry.key,
                 )
         if isinstance(driver, str):
@@ -174,7 +174,7 @@ class DeviceSettings(units.SettingsTable):
 
     @classmethod
     def _validate_driver_table(cls, name: str, data: Any) -> Any:
-        key = f"{cls.registry.kind}.{name}"
+        key = f"{cls.registry.table_key}.{name}"
         if not isinstance(data, dict):
             raise ConfigurationError(f"must be a table (found {data!r})", key=key)
         try:

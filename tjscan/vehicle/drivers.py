@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import methodcaller
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.vehicle.localisation import Localisation
-from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
+from tjscan.vehicle.mqtt.settings import (
+    MqttLocalisationSettings,
+    MqttSettings,
+    TeamMqttSettings,
+)
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 from tjscan.vehicle.replay import ReplayedVehicle
 from tjscan.vehicle.simulated import SimulatedVehicle
@@ -114,6 +118,52 @@ VEHICLE_DRIVERS: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
     type=VehicleDriverFactory,
 )
 """Every vehicle driver by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class TowingVehicleInputs:
+    """What the driver of a towing vehicle makes it from, beside its own settings.
+
+    Parameters
+    ----------
+    number : int
+        Its place along the cable, from 1 at the root.
+    """
+
+    number: int
+
+
+@dataclass(frozen=True)
+class TowingVehicleDriverFactory(DriverFactory[TowingVehicleInputs, Vehicle]):
+    """How a driver makes one vehicle of a tow from a job file; see `DriverFactory`."""
+
+
+def _make_mqtt_towing_vehicle(inputs: TowingVehicleInputs, settings: TeamMqttSettings) -> Vehicle:
+    from tjscan.vehicle.mqtt.vehicle import MqttVehicle
+
+    return MqttVehicle(replace(settings, prefix=f"{settings.prefix}/{inputs.number}"))
+
+
+def _refuse_single_simulated_vehicle(inputs: TowingVehicleInputs, settings: NoSettings) -> Vehicle:
+    raise ConfigurationError("simulated vehicles share one world", key="vehicles.driver")
+
+
+SIMULATED_TOWING_DRIVER: Final = TowingVehicleDriverFactory(
+    _refuse_single_simulated_vehicle, kind=DriverKind.SIMULATED
+)
+MQTT_TOWING_DRIVER: Final = TowingVehicleDriverFactory(_make_mqtt_towing_vehicle, TeamMqttSettings)
+
+TOWING_VEHICLE_DRIVERS: Final[DriverRegistry[TowingVehicleDriverFactory]] = DriverRegistry(
+    "towing-vehicle",
+    {
+        "simulated": "tjscan.vehicle.drivers:SIMULATED_TOWING_DRIVER",
+        "mqtt": "tjscan.vehicle.drivers:MQTT_TOWING_DRIVER",
+    },
+    extras={"mqtt": "vehicle"},
+    key="vehicles.driver",
+    type=TowingVehicleDriverFactory,
+)
+"""Every driver of towing vehicles by name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

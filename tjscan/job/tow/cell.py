@@ -20,9 +20,14 @@ from tjscan.towing.loop import Team
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import PlanInputs, ShapePlanner, TowingPlan
-from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, LocalisationInputs
+from tjscan.vehicle.drivers import (
+    LOCALISATION_DRIVERS,
+    LocalisationInputs,
+    TowingVehicleInputs,
+)
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
+from tjscan.vehicle.paced_team import PacedTeam
 
 if TYPE_CHECKING:
     from tjscan.vehicle.cable.world import TowingWorld
@@ -126,9 +131,11 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
     """
     obstacles = fixed_obstacles(job)
     names = tuple(one.name for one in job.obstacles if one.speed)
-    if job.vehicles.driver != "simulated":
+    if job.vehicles.driver_kind is not DriverKind.SIMULATED:
         localisation = _make_localisation(job, None)
-        return TowCell(_mqtt_team(job), localisation, obstacles, names)
+        numbers = range(1, job.vehicles.count + 1)
+        vehicles = [job.vehicles.make_device(TowingVehicleInputs(number)) for number in numbers]
+        return TowCell(PacedTeam(vehicles), localisation, obstacles, names)
     with explain_missing_package("towing", TOWING_EXTRA, "vehicles.driver"):
         from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
         from tjscan.vehicle.cable.world import TowingWorld
@@ -148,8 +155,8 @@ def _make_localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
     """The localisation that a job names; on the vehicles' broker if it names none."""
     table, name = job.localisation, job.localisation.driver
     own = table.driver_settings
-    if world is None and table.driver_kind is DriverKind.SIMULATED:
-        link, name = job.vehicles.mqtt, "mqtt"
+    if job.vehicles.driver == "mqtt" and table.driver_kind is DriverKind.SIMULATED:
+        link, name = job.vehicles.driver_settings, "mqtt"
         shared = {key: getattr(link, key) for key in ("host", "port", "prefix", "connect_limit")}
         own = table.drivers.get(name) or MqttLocalisationSettings(**shared)
     inputs = LocalisationInputs(
@@ -160,17 +167,6 @@ def _make_localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
     )
     localisation: Localisation = LOCALISATION_DRIVERS.make(name, inputs, own)
     return localisation
-
-
-def _mqtt_team(job: TowJob) -> ConnectedTeam:
-    from tjscan.vehicle.drivers import VEHICLE_DRIVERS
-    from tjscan.vehicle.paced_team import PacedTeam
-
-    with VEHICLE_DRIVERS.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt.vehicle import MqttVehicle
-    link = job.vehicles.mqtt
-    prefixes = [f"{link.prefix}/{number}" for number in range(1, job.vehicles.count + 1)]
-    return PacedTeam([MqttVehicle(replace(link, prefix=prefix)) for prefix in prefixes])
 
 
 def _make_truth(world: TowingWorld) -> TowTruth:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from math import ceil
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Len, MaxLen
+from annotated_types import Ge, Gt, Le, MaxLen
 
 from tjscan.core.config import StrictFileModel, add_file_to_errors
 from tjscan.core.devices import DriverRegistry
@@ -20,9 +21,8 @@ from tjscan.job.reading import read_job
 from tjscan.towing import tables
 from tjscan.towing.shape.area import Floor
 from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
-from tjscan.vehicle.cable.model import TowingVehicleModel
-from tjscan.vehicle.drivers import LOCALISATION_DRIVERS
-from tjscan.vehicle.mqtt.settings import MqttSettings
+from tjscan.vehicle.cable.model import TowingVehicleSettings
+from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, TOWING_VEHICLE_DRIVERS
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
 GRAVITY_ACCELERATION: Final = 9.81  # m/s²
@@ -33,31 +33,18 @@ some millimetres."""
 BEND_RADIUS_RESERVE: Final = 1.02
 """Factor by which plans enlarge the least bend radius of the job."""
 
+MOST_VEHICLES: Final = 50
+
 TOWING_EXTRA: Final = "towing"
 """Name of the extra that brings what only a tow needs."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TeamMqttSettings(MqttSettings):
-    """The table [vehicles.mqtt]: the broker, and what the topics of all vehicles begin with.
+@dataclass(frozen=True, kw_only=True)
+class VehiclesSettings(DeviceSettings):
+    """The table [vehicles]: who carries the cable, by which driver; the last one is the welder.
 
     Parameters
     ----------
-    prefix : str
-        Of all topics; a vehicle's topics go on with its number, 1, 2, ...
-    """
-
-    prefix: Annotated[str, Len(1, 190)] = "tjscan/vehicle"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VehiclesSettings(SettingsTable):
-    """The table [vehicles]: who carries the cable; the last one is the welder.
-
-    Parameters
-    ----------
-    driver : str
-        ``simulated``, or ``mqtt`` for vehicles behind a broker.
     count : int
         With the welder.
     links : tuple of int or None
@@ -72,17 +59,16 @@ class VehiclesSettings(SettingsTable):
         At most, m/s.
     force : float
         With which a vehicle can pull at most, newton.
-    mqtt : TeamMqttSettings
     """
 
-    driver: Literal["simulated", "mqtt"] = "simulated"
-    count: Annotated[int, Ge(2), Le(20)] = 6
+    registry: ClassVar[DriverRegistry[Any]] = TOWING_VEHICLE_DRIVERS
+
+    count: Annotated[int, Ge(2), Le(MOST_VEHICLES)] = 6
     links: Annotated[tuple[int, ...] | None, LIST_OR_WORD_IN_FILE] = None
     behind_welder: Annotated[float | None, Gt(0), Le(1e5), MM] = None
     radius: Annotated[float, Gt(0), Le(5000), MM] = 0.15
     speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
     force: Annotated[float, Gt(0), Le(1e5), tables.NEWTON] = 49.0
-    mqtt: TeamMqttSettings = field(default_factory=TeamMqttSettings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +113,7 @@ class FaultSettings(SettingsTable):
     kind: Literal[WorldFault, PoseFaultName]
     at: Annotated[float, Ge(0), Le(1e6), SECONDS] = 0.0
     seconds: Annotated[float | None, Gt(0), Le(1e6), SECONDS.with_key("for_s")] = None
-    vehicle: Annotated[int, Ge(1), Le(20)] | None = None
+    vehicle: Annotated[int, Ge(1), Le(MOST_VEHICLES)] | None = None
     push: Annotated[tuple[tables.Coordinate, tables.Coordinate], MM] = (0.2, 0.0)
 
 
@@ -141,8 +127,8 @@ class TowSimulationSettings(SettingsTable):
         Of all random numbers.
     settle : float
         Seconds for which cable and vehicles stand still before the clock starts.
-    towing_vehicle : TowingVehicleModel
-        What every vehicle truly is; its radius and force, if left out, are those of [vehicles].
+    towing_vehicle : TowingVehicleSettings
+        What every vehicle truly is.
     localisation : LocalisationSimulationSettings
         How well poses are truly measured.
     faults : tuple of FaultSettings
@@ -150,7 +136,7 @@ class TowSimulationSettings(SettingsTable):
 
     seed: Annotated[int, Ge(0)] = 1
     settle: Annotated[float, Gt(0), Le(60), SECONDS] = 1.0
-    towing_vehicle: TowingVehicleModel = field(default_factory=TowingVehicleModel)
+    towing_vehicle: TowingVehicleSettings = field(default_factory=TowingVehicleSettings)
     localisation: LocalisationSimulationSettings = field(
         default_factory=LocalisationSimulationSettings
     )
@@ -266,7 +252,8 @@ def _size_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         yield (
             "vehicles.force_n",
             f"{ours.force:g} N is less than the {drag:.1f} N with which the floor holds a metre of "
-            "cable: such a vehicle tows nothing",
+            f"cable: such a vehicle tows nothing. Write what it can pull, {ceil(drag)} or more, or "
+            "less mass or friction of the cable",
         )
     if job.seam.speed > ours.speed:
         yield (

@@ -6,7 +6,7 @@ MuJoCo is loaded with it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
@@ -47,14 +47,12 @@ def towing_world_of_job(job: TowJob) -> TowingWorldModel:
     walls = [np.array(ring) for ring in (job.area.outline, *job.area.holes)]
     walls += [_obstacle_polygon(one) for one in job.obstacles if not one.speed]
     moving = [one for one in job.obstacles if one.speed]
-    vehicle, usual, team = job.simulation.towing_vehicle, TowingVehicleModel(), job.vehicles
-    if vehicle.body_radius == usual.body_radius:
-        vehicle = replace(vehicle, body_radius=team.radius)
-    if vehicle.force == usual.force:
-        vehicle = replace(vehicle, force=team.force)
+    stated = asdict(job.simulation.towing_vehicle)
+    vehicle = {"body_radius": job.vehicles.radius, "force": job.vehicles.force}
+    vehicle |= {key: value for key, value in stated.items() if value is not None}
     return TowingWorldModel(
         cable=model,
-        vehicle=vehicle,
+        vehicle=TowingVehicleModel(**vehicle),
         walls=tuple(walls),
         passers_by=tuple(
             PasserBy(one.radius, np.array(one.points), one.speed, one.start) for one in moving

@@ -101,6 +101,28 @@ def chain_hessian(parts: ChainDerivatives, links: Array, length: float, hessian:
 
 
 @compiled
+def chain_hessian_diagonal(
+    parts: ChainDerivatives, links: Array, length: float, diagonal: Array
+) -> None:
+    """Diagonal of the Hessian by the angles, shape (N,), filled in O(N)."""
+    joint, point, turn = parts
+    sx, sy, xx, xy, yy, xt, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(joint) - 1, -1, -1):
+        ax, ay = -length * links[i, 4], length * links[i, 3]
+        sx += point[i, 0]
+        sy += point[i, 1]
+        xx += point[i, 2]
+        xy += point[i, 3]
+        yy += point[i, 4]
+        by_x, by_y = xx * ax + xy * ay, xy * ax + yy * ay
+        tt += turn[i, 1] - ay * sx + ax * sy
+        tt += ax * by_x + ay * by_y + 2.0 * (ax * xt + ay * yt)
+        xt += by_x
+        yt += by_y
+        diagonal[i] = joint[i, 1] + tt
+
+
+@compiled
 def link_motion_by_joint(i: int, k: int, links: Array, root: Array) -> tuple[float, float]:
     """How the end of link k goes as joint i turns."""
     if i > k:

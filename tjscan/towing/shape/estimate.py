@@ -23,11 +23,11 @@ from tjscan.towing.shape.compiled import Indices, compiled
 from tjscan.towing.shape.linear import back_substitute, factorise_convex
 from tjscan.towing.shape.plan import PoseAccuracy
 
-PRESLIDING_DISPLACEMENT = 1e-3
+PRESLIDING_DISPLACEMENT: Final = 1e-3
 """Metres by which a link gives way before it slides. As long as this is little beside the bends of
 a cable, it does not matter: from 0.2 to 2 mm estimates are the same."""
 
-LEAST_HESSIAN_SHIFT = 0.1
+LEAST_HESSIAN_SHIFT: Final = 0.1
 """Share of a joint's stiffness that is added first if the energy is not convex. Poses are held
 1e8 times as stiffly as joints: a share of that would freeze the shape, and end the search."""
 
@@ -50,7 +50,7 @@ PULL_RELIEF_SPEED: Final = 2e-3
 VEHICLE_PLACE_ERROR: Final = 1e-3
 """Metres within which vehicles are where they are sent: no force is relieved better than that."""
 
-FRICTION_DOUBT = 0.5
+FRICTION_DOUBT: Final = 0.5
 """Share by which friction over stiffness may differ from what the job states: floors differ by half
 (Table I has one figure), and cables stiffen as they cool."""
 
@@ -145,13 +145,12 @@ def minimise_cable_energy(angles: Array, problem: EstimateArrays, most: int) -> 
     n = len(angles)
     links, parts = np.empty((n, 5)), chain.new_chain_derivatives(n)
     gradient, step, trial = np.empty(n), np.empty(n), np.empty(n)
-    hessian, factor = np.empty((n, n)), np.zeros((n, n))
+    factor = np.empty((n, 6))
     place_links(angles, problem.root, problem.length, links)
     energy, shift = cable_energy(angles, problem, links, parts), 0.0
     for _ in range(most):
         chain.chain_gradient(parts, links, problem.length, gradient)
-        chain.chain_hessian(parts, links, problem.length, hessian)
-        shift = factorise_convex(hessian, shift, factor, LEAST_HESSIAN_SHIFT)
+        shift = factorise_convex(parts, links, problem.length, shift, factor, LEAST_HESSIAN_SHIFT)
         step[:] = -gradient
         back_substitute(factor, step)
         slope, longest = 0.0, 0.0
@@ -386,11 +385,10 @@ def _pull_stiffness(angles: Array, problem: EstimateArrays) -> Array:
     """Derivative of the last held link's force by the place of the one before, (2, 2), over k."""
     n, last, root = len(angles), len(problem.held) - 1, problem.root
     links, parts, stiff = np.empty((n, 5)), chain.new_chain_derivatives(n), problem.stiff
-    hessian, factor = np.empty((n, n)), np.zeros((n, n))
+    factor = np.empty((n, 6))
     place_links(angles, root, problem.length, links)
     cable_energy(angles, problem, links, parts)
-    chain.chain_hessian(parts, links, problem.length, hessian)
-    factorise_convex(hessian, 0.0, factor, LEAST_HESSIAN_SHIFT)
+    factorise_convex(parts, links, problem.length, 0.0, factor, LEAST_HESSIAN_SHIFT)
     derivative, change = np.zeros((2, 2)), np.empty(n)
     before, tip = problem.held[last - 1], problem.held[last]
     for axis in range(2):
@@ -428,8 +426,7 @@ def _angle_variances(angles: Array, problem: EstimateArrays) -> Array:
     """Variances of the angles of least energy, shape (N,)."""
     n, root = len(angles), problem.root
     links, parts, stiff = np.empty((n, 5)), chain.new_chain_derivatives(n), problem.stiff
-    hessian, factor, change = np.empty((n, n)), np.zeros((n, n)), np.empty(n)
-    variances = np.zeros(n)
+    factor, change, variances = np.empty((n, 6)), np.empty(n), np.zeros(n)
     place_links(angles, root, problem.length, links)
     cable_energy(angles, problem, links, parts)
     forces = parts.point[:, :2].copy()
@@ -437,8 +434,7 @@ def _angle_variances(angles: Array, problem: EstimateArrays) -> Array:
         k = problem.held[m]
         forces[k, 0] -= stiff[m, 0] * (links[k, 0] - problem.poses[m, 0])
         forces[k, 1] -= stiff[m, 0] * (links[k, 1] - problem.poses[m, 1])
-    chain.chain_hessian(parts, links, problem.length, hessian)
-    factorise_convex(hessian, 0.0, factor, LEAST_HESSIAN_SHIFT)
+    factorise_convex(parts, links, problem.length, 0.0, factor, LEAST_HESSIAN_SHIFT)
     for m in range(len(problem.held)):
         k = problem.held[m]
         for axis in range(3):

@@ -15,7 +15,7 @@ import proxsuite
 from tjscan.core.frames import Array
 from tjscan.towing.shape import linear
 from tjscan.towing.shape.area import Obstacles
-from tjscan.towing.shape.chain import chain_gradient
+from tjscan.towing.shape.chain import chain_gradient, chain_hessian
 from tjscan.towing.shape.compiled import compiled, inlined
 from tjscan.towing.shape.limits import (
     ROW_TYPE,
@@ -25,6 +25,7 @@ from tjscan.towing.shape.limits import (
     LimitKind,
     LimitRows,
     RowBuffer,
+    add_margin_changes,
     fill_limit_rows,
     limit_gradients,
 )
@@ -32,9 +33,9 @@ from tjscan.towing.shape.problem import (
     ShapeArrays,
     ShapeState,
     add_multipliers,
-    convex_hessian,
     derivatives_of_state,
     evaluate_shape,
+    factorise_lagrangian,
     new_shape_state,
     pull_gradient_after_step,
 )
@@ -83,15 +84,13 @@ class _QuadraticProgram(NamedTuple):
     Parameters
     ----------
     gradient : ndarray, shape (N,)
-    hessian, factor : ndarray, shape (N, N)
-        Lower triangles: of the Hessian, to which `_fill_quadratic_program` adds a shift, and its
-        factor.
+    factor : ndarray, shape (N, 6)
+        Of the Hessian with a shift, see `linear.factorise_shifted`.
     force : ndarray, shape (2,)
         Of the pull at the welder, see `problem.replace_pull`.
     """
 
     gradient: Array
-    hessian: Array
     factor: Array
     force: Array
 
@@ -167,8 +166,8 @@ def _add_limit_forces(rows: LimitRows, z: Array, point: Array) -> None:
 @inlined
 def _solve_by_active_set(
     program: _QuadraticProgram,
+    root: Array,
     state: ShapeState,
-    C: Array,
     rows: LimitRows,
     step: Array,
     y: Array,
@@ -178,43 +177,43 @@ def _solve_by_active_set(
 
     What it then found meets all conditions of the program's solution, with no slack.
     """
-    n, m = len(step), len(state.constraint)
-    active = np.zeros(len(rows), np.bool_)
-    free, solved = -program.gradient, np.empty((m + len(rows), n))
+    n, m, used = len(step), len(state.constraint), len(state.constraint)
+    free, margins = -program.gradient, np.empty(len(rows))
     linear.back_substitute(program.factor, free)
-    solved[:m] = state.jacobian
+    gradients, right = np.empty((m + MOST_ACTIVE_ROWS, n)), np.empty(m + MOST_ACTIVE_ROWS)
+    gradients[:m], right[:m] = state.jacobian, state.constraint
+    solved = gradients.copy()
     linear.back_substitute_rows(program.factor, solved[:m])
+    active, row_of = np.ones(len(right), np.bool_), np.empty(len(right), np.int64)
     for _ in range(MOST_ACTIVE_ROWS):
-        count = m + active.sum()
-        A, by_A, b = np.empty((count, n)), np.empty((count, n)), np.empty(count)
-        A[:m], by_A[:m], b[:m], k = state.jacobian, solved[:m], state.constraint, m
-        for r in range(len(rows)):
-            if active[r]:
-                A[k], by_A[k], b[k] = C[r, :n], solved[m + r], rows[r].margin
-                k += 1
-        multipliers = np.empty(count)
+        held = np.flatnonzero(active[:used])
+        multipliers = np.empty(len(held))
         step[:] = free
-        linear.meet_constraints(A, by_A, b, step, multipliers)
-        worst, which, k, settled = -1e-9, -1, m, True
-        for r in range(len(rows)):
-            z[r] = 0.0
-            if active[r]:
-                z[r] = multipliers[k]
-                k += 1
-                if z[r] > 1e-9:
-                    active[r], settled = False, False
-            margin = rows[r].margin + (C[r, :n] * step).sum()
-            if margin < worst:
-                worst, which = margin, r
-        if settled and which < 0:
-            y[:] = multipliers[:m]
-            return bool(np.abs(z).sum() < LIMIT_VIOLATION_COST)
-        if which >= 0:
-            if active[which]:
-                return False
-            active[which] = True
-            solved[m + which] = C[which, :n]
-            linear.back_substitute(program.factor, solved[m + which])
+        linear.meet_constraints(gradients[held], solved[held], right[held], step, multipliers)
+        z[:], settled = 0.0, True
+        for k in range(m, len(held)):
+            z[row_of[held[k]]] = multipliers[k]
+            if multipliers[k] > 1e-9:
+                active[held[k]], settled = False, False
+        add_margin_changes(rows, step, root, state.links, margins)
+        which = margins.argmin() if len(rows) else -1
+        if which < 0 or margins[which] >= -1e-9:
+            if settled:
+                y[:] = multipliers[:m]
+                return bool(np.abs(z).sum() < LIMIT_VIOLATION_COST)
+            continue
+        place = used
+        for k in range(m, used):
+            if row_of[k] == which:
+                place = k
+        if place == used:
+            row_of[used], right[used], used = which, rows[which].margin, used + 1
+            limit_gradients(rows[which : which + 1], root, state.links, gradients[place:used])
+            solved[place] = gradients[place]
+            linear.back_substitute(program.factor, solved[place])
+        elif active[place]:
+            return False
+        active[place] = True
     return False
 
 
@@ -227,25 +226,24 @@ def _fill_quadratic_program(
     last_z: Array,
     shift: float,
     plain_program: Any,
-) -> tuple[float, bool, Array, Array, Array]:
+) -> tuple[float, bool, Array, Array]:
     """Fill a program, and guess its solution.
 
-    Returns the Hessian's shift, whether the guess is the solution, the step, the multipliers of the
-    rows, and their derivatives; those of the constraints are filled.
+    Returns the Hessian's shift, whether the guess is the solution, the step, and the multipliers of
+    the rows; those of the constraints are filled.
     """
     problem, state = ShapeArrays(*plain_problem), ShapeState(*plain_state)
-    program, n = _QuadraticProgram(*plain_program), len(state.links)
+    program = _QuadraticProgram(*plain_program)
     chain_gradient(derivatives_of_state(state), state.links, problem.length, program.gradient)
     if len(last_z) == 0:
         linear.least_squares_multipliers(state.jacobian, program.gradient, y)
     add_multipliers(problem, y, state.point)
     if len(last_z) == len(rows):
         _add_limit_forces(rows, last_z, state.point)
-    shift, _ = convex_hessian(problem, state, program.force, shift, program.hessian, program.factor)
-    C, step, z = np.ones((len(rows), n + 1)), np.empty(n), np.empty(len(rows))
-    limit_gradients(rows, problem.root, state.links, C)
-    solved = _solve_by_active_set(program, state, C, rows, step, y, z)
-    return shift, solved, step, z, C
+    shift, _ = factorise_lagrangian(problem, state, program.force, shift, program.factor)
+    step, z = np.empty(len(state.links)), np.empty(len(rows))
+    solved = _solve_by_active_set(program, problem.root, state, rows, step, y, z)
+    return shift, solved, step, z
 
 
 def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 40) -> LimitedShape:
@@ -270,16 +268,16 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
     now.move_to(np.clip(start, -bound, bound), LIMIT_BAND_WIDTH)
     y, z = np.zeros(len(now.state.constraint)), np.zeros(0)
     fix, shift, band, iteration = 1.0, 0.0, LIMIT_BAND_WIDTH, 0
-    program = _QuadraticProgram(np.empty(n), np.empty((n, n)), np.zeros((n, n)), np.zeros(2))
+    program = _QuadraticProgram(np.empty(n), np.empty((n, 6)), np.zeros(2))
     plain, plain_program = tuple(arrays), tuple(program)
     while iteration < most:
         iteration += 1
         rows, left, reach = now.rows, 0.0, 1.0
-        shift, solved, step, z, C = _fill_quadratic_program(
+        shift, solved, step, z = _fill_quadratic_program(
             plain, now.plain_state, rows, y, z, shift, plain_program
         )
         if not solved:
-            step, left, y, z, reach = _solve_program(program, shift, now, C)
+            step, left, y, z, reach = _solve_program(limits, program.gradient, shift, now)
         if reach == 0.0:
             break
         if has_pull:
@@ -311,19 +309,20 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
 
 
 def _solve_program(
-    program: _QuadraticProgram, shift: float, now: _ShapeIterate, C: Array
+    limits: LimitedProblem, objective_gradient: Array, shift: float, now: _ShapeIterate
 ) -> tuple[Array, float, Array, Array, float]:
     """Step, slack left, multipliers of constraints and rows, and the share of c that is met.
 
     Joints at their limits may not let the whole of the constraints be met in one step.
     """
-    constraint, jacobian = now.state.constraint, now.state.jacobian
+    constraint, jacobian, links = now.state.constraint, now.state.jacobian, now.state.links
     m, n = jacobian.shape
-    hessian, gradient = np.eye(n + 1), np.append(program.gradient, LIMIT_VIOLATION_COST)
-    lower = np.tril(program.hessian, -1)
-    hessian[:n, :n] = lower + lower.T + np.diag(np.diag(program.hessian) + shift)
-    A, rows = np.zeros((m, n + 1)), np.zeros((len(C) + 1, n + 1))
-    A[:, :n], rows[:-1], rows[-1, n] = jacobian, C, 1.0
+    hessian, gradient = np.eye(n + 1), np.append(objective_gradient, LIMIT_VIOLATION_COST)
+    chain_hessian(derivatives_of_state(now.state), links, limits.arrays.length, hessian[:n, :n])
+    hessian[:n, :n] += shift * np.eye(n)
+    A, rows = np.zeros((m, n + 1)), np.ones((len(now.rows) + 1, n + 1))
+    A[:, :n], rows[-1, :n] = jacobian, 0.0
+    limit_gradients(now.rows, limits.arrays.root, links, rows)
     low, high = np.append(-now.rows["margin"], 0.0), np.full(len(rows), 1e20)
     reach = 1.0
     while reach > 1e-3:

@@ -21,7 +21,7 @@ from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import TowingTeam
 from tjscan.towing.shape.chain import place_links
 from tjscan.towing.shape.compiled import Indices, compiled, inlined
-from tjscan.towing.shape.distance import distance_to_obstacle, distance_to_swept_disc
+from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.tables import LimitSettings
 
@@ -69,23 +69,23 @@ ROW_TYPE: Final = np.dtype(
     [
         *((name, "f8") for name in ("margin", "grows_x", "grows_y")),
         *(("link", "i8"), ("x", "f8"), ("y", "f8")),
-        *(("other", "i8"), ("other_x", "f8"), ("other_y", "f8"), ("kind", "i8")),
+        *(("other", "i8"), ("other_x", "f8"), ("other_y", "f8"), ("kind", "i8"), ("disc", "i8")),
     ]
 )
 """A row: margin; direction in which it grows; the link and its point (x, y) that feel it; the same
-of the point that feels the opposite, link -1 if none; kind. Of a joint: its number for the link,
-and the sign of its angle's growth for `grows_x`."""
+of the point that feels the opposite, link -1 if none; kind; and which disc is too near, -1 if none
+is. Of a joint: its number for the link, and the sign of its angle's growth for `grows_x`."""
 
 LimitRows = NDArray[np.void]
 """Rows of `ROW_TYPE`, shape (R,)."""
 
-SPARE_MARGIN = 1e-6
+SPARE_MARGIN: Final = 1e-6
 """Metres and radians added to every limit: what a solver may miss it by (`LEAST_KEPT_MARGIN`)."""
 
-LEAST_KEPT_MARGIN = -1e-6
+LEAST_KEPT_MARGIN: Final = -1e-6
 """A margin above is a limit that is kept."""
 
-JOINT_RADIANS_COUNTED_AS_METRE = 5.0
+JOINT_RADIANS_COUNTED_AS_METRE: Final = 5.0
 """Radians of a joint's margin that count as a metre of distance: a step changes them so."""
 
 
@@ -162,7 +162,7 @@ class ChainPoint(NamedTuple):
     y: float
 
 
-NO_CHAIN_POINT = ChainPoint(-1, 0.0, 0.0)
+NO_CHAIN_POINT: Final = ChainPoint(-1, 0.0, 0.0)
 
 
 @inlined
@@ -183,27 +183,34 @@ def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> Ch
 
 @inlined
 def add_row(
-    room: RowBuffer, kind: int, margin: float, x: float, y: float, at: ChainPoint, other: ChainPoint
+    room: RowBuffer,
+    kind: int,
+    margin: float,
+    x: float,
+    y: float,
+    at: ChainPoint,
+    other: ChainPoint = NO_CHAIN_POINT,
+    disc: int = -1,
 ) -> None:
     """Write a row whose margin grows along (x, y), if it fits."""
     if room.total[0] < len(room.rows):
         row = room.rows[room.total[0]]
         row.kind, row.margin, row.grows_x, row.grows_y = kind, margin, x, y
         row.link, row.x, row.y = at.link, at.x, at.y
-        row.other, row.other_x, row.other_y = other.link, other.x, other.y
+        row.other, row.other_x, row.other_y, row.disc = other.link, other.x, other.y, disc
     room.total[0] += 1
 
 
 @inlined
 def add_distance_row(
-    room: RowBuffer, kind: int, apart: float, at: ChainPoint, other: ChainPoint
+    room: RowBuffer, kind: int, apart: float, at: ChainPoint, other: ChainPoint, disc: int = -1
 ) -> None:
     """A row for two points that must be `apart`, if the margin is less than the band."""
     x, y = at.x - other.x, at.y - other.y
     d = hypot(x, y)
     if d - apart < room.band:
         d = max(d, 1e-9)
-        add_row(room, kind, d - apart, x / d, y / d, at, other)
+        add_row(room, kind, d - apart, x / d, y / d, at, other, disc)
 
 
 @inlined
@@ -216,7 +223,7 @@ def add_obstacle_rows(
     for k in range(0 if of_all else solids, solids + len(discs)):
         d, gx, gy, _, _, _ = distance_to_obstacle(k, at.x, at.y, walls, corners, starts, discs)
         if d - apart < room.band:
-            add_row(room, kind, d - apart, gx, gy, at, NO_CHAIN_POINT)
+            add_row(room, kind, d - apart, gx, gy, at, NO_CHAIN_POINT, max(k - solids, -1))
 
 
 @inlined
@@ -249,9 +256,7 @@ def add_crossed_edge_rows(
             end = link_end(i if is_ahead else i - 1, root, links)
             sign = -1.0 if side > 0.0 else 1.0
             margin = -abs(side) - apart
-            add_row(
-                room, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end, NO_CHAIN_POINT
-            )
+            add_row(room, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end)
 
 
 @inlined
@@ -280,7 +285,7 @@ def add_link_obstacle_rows(
             place = ChainPoint(-1, disc[column], disc[column + 1])
             at = nearest_on_link(i, place.x, place.y, root, links)
             if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
-                add_distance_row(room, kind, apart + disc[4], at, place)
+                add_distance_row(room, kind, apart + disc[4], at, place, k // 2)
 
 
 @inlined
@@ -345,7 +350,7 @@ def add_speed_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
         d = hypot(x, y)
         if limits.pace - d < room.band:
             d = max(d, 1e-9)
-            add_row(room, LimitKind.SPEED, limits.pace - d, -x / d, -y / d, at, NO_CHAIN_POINT)
+            add_row(room, LimitKind.SPEED, limits.pace - d, -x / d, -y / d, at)
 
 
 @inlined
@@ -355,7 +360,7 @@ def add_joint_rows(room: RowBuffer, angles: Array, most: float) -> None:
         margin = most - abs(angles[i])
         if margin < JOINT_RADIANS_COUNTED_AS_METRE * room.band:
             sign, joint = -1.0 if angles[i] > 0 else 1.0, ChainPoint(i, 0.0, 0.0)
-            add_row(room, LimitKind.JOINT, margin, sign, 0.0, joint, NO_CHAIN_POINT)
+            add_row(room, LimitKind.JOINT, margin, sign, 0.0, joint)
 
 
 @inlined
@@ -421,6 +426,33 @@ def limit_gradients(rows: LimitRows, root: Array, links: Array, gradients: Array
             gradients[r, k] = total
 
 
+@inlined
+def add_margin_changes(
+    rows: LimitRows, step: Array, root: Array, links: Array, margins: Array
+) -> None:
+    """Margins after a step of the angles, to first order, shape (R,), filled; in O(N + R)."""
+    sums, turn, x, y = np.empty((len(step), 3)), 0.0, 0.0, 0.0
+    for k in range(len(step)):  # of the turns, and of the turns by the places of their joints
+        joint = link_end(k - 1, root, links)
+        turn += step[k]
+        x += step[k] * joint.x
+        y += step[k] * joint.y
+        sums[k, 0], sums[k, 1], sums[k, 2] = turn, x, y
+    for r in range(len(rows)):
+        row = rows[r]
+        change = 0.0
+        if row.kind == LimitKind.JOINT:
+            change = row.grows_x * step[row.link]
+        elif row.link >= 0:
+            at = sums[row.link]
+            change += row.grows_y * (at[0] * row.x - at[1]) - row.grows_x * (at[0] * row.y - at[2])
+        if row.kind != LimitKind.JOINT and row.other >= 0:
+            at = sums[row.other]
+            change -= row.grows_y * (at[0] * row.other_x - at[1])
+            change += row.grows_x * (at[0] * row.other_y - at[2])
+        margins[r] = row.margin + change
+
+
 def worst_margin(rows: LimitRows) -> float:
     """Of the limit that is broken worst; 0 if none is."""
     return float(rows["margin"].min(initial=0.0))
@@ -483,13 +515,14 @@ class LimitedProblem:
 
     def describe(self, row: np.void, texts: Sequence[str] = LIMIT_NAMES) -> str:
         """The text of a row's kind with its figures: its name, or how a shape breaks it."""
-        link, other = int(row["link"]), int(row["other"])
+        link, other, disc = int(row["link"]), int(row["other"]), int(row["disc"])
+        is_named = 0 <= disc < len(self.disc_names)
         figures = {
             "link": link,
             "other": other,
             "holder": self._vehicle_of_link(link),
             "other_holder": self._vehicle_of_link(other),
-            "obstacle": self._obstacle_of_row(row),
+            "obstacle": self.disc_names[disc] if is_named else "a wall or a pillar",
             "mm": format_figure(-1e3 * row["margin"]),
             "bend": format_figure(degrees(-row["margin"])),
             "link_clearance": 1e3 * self.limits.link_clearance,
@@ -500,16 +533,6 @@ class LimitedProblem:
             "joint_limit": degrees(self.problem.cable.joint_limit),
         }
         return texts[int(row["kind"])].format(**figures)
-
-    def _obstacle_of_row(self, row: np.void) -> str:
-        """Name of the obstacle that a row keeps clear of."""
-        of_body = row["kind"] == LimitKind.BODY_TO_OBSTACLE
-        apart = self.arrays.body_clearance if of_body else self.arrays.link_clearance
-        for name, disc in zip(self.disc_names, self.problem.obstacles.discs, strict=False):
-            distance = distance_to_swept_disc(row["x"], row["y"], disc)[0]
-            if abs(distance - apart - row["margin"]) < SPARE_MARGIN:
-                return name
-        return "a wall or a pillar"
 
     def _vehicle_of_link(self, link: int) -> str:
         """The vehicle that holds a link, if one does."""

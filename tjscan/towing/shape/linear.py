@@ -1,40 +1,74 @@
-"""Newton steps with few equality constraints: Cholesky, made convex where it must be."""
+"""Newton steps of a chain with few equality constraints, made convex, in O(N)."""
 
 from __future__ import annotations
-
-from math import sqrt
 
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.compiled import compiled
+from tjscan.towing.shape.chain import ChainDerivatives
+from tjscan.towing.shape.compiled import compiled, inlined
 
 
-@compiled
-def factorise_shifted(matrix: Array, shift: float, factor: Array) -> bool:
-    """Cholesky factor of a matrix with a shift added to its diagonal; False if there is none."""
-    for i in range(len(matrix)):
-        for j in range(i):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            factor[i, j] = total / factor[j, j]
-        total = matrix[i, i] + shift
-        for k in range(i):
-            total -= factor[i, k] * factor[i, k]
-        if not total > 1e-12 * abs(matrix[i, i]) + 1e-14:
+@inlined
+def factorise_shifted(
+    parts: ChainDerivatives, links: Array, length: float, shift: float, factor: Array
+) -> bool:
+    """Factor of a chain's Hessian with a shift added to its diagonal; False if it is not convex.
+
+    A link's end and heading follow from those of the link before and from its joint's turn alone.
+    So joints are eliminated one by one, from the tip on, as of a linear-quadratic regulator: what
+    is beyond a link depends on three numbers, its end and its heading.
+
+    Parameters
+    ----------
+    parts : ChainDerivatives
+    links : ndarray, shape (N, 5)
+        As `place_links` fills it.
+    length : float
+        Of a link, metres.
+    shift : float
+    factor : ndarray, shape (N, 6)
+        Filled: the turn of a joint by x, y and heading of the link before, its pivot, and how its
+        link's end goes as it turns.
+    """
+    joint, point, turn = parts
+    sx, sy, xx, xy, yy, xt, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(joint) - 1, -1, -1):
+        ax, ay = -length * links[i, 4], length * links[i, 3]
+        sx += point[i, 0]
+        sy += point[i, 1]
+        xx += point[i, 2]
+        xy += point[i, 3]
+        yy += point[i, 4]
+        by_x, by_y = xx * ax + xy * ay, xy * ax + yy * ay
+        tt += turn[i, 1] - ay * sx + ax * sy
+        tt += ax * by_x + ay * by_y + 2.0 * (ax * xt + ay * yt)
+        xt += by_x
+        yt += by_y
+        own = joint[i, 1] + shift
+        pivot = own + tt
+        if not pivot > 1e-12 * (abs(own) + abs(tt)) + 1e-14:
             return False
-        factor[i, i] = sqrt(total)
+        factor[i, 0], factor[i, 1], factor[i, 2] = xt / pivot, yt / pivot, tt / pivot
+        factor[i, 3], factor[i, 4], factor[i, 5] = pivot, ax, ay
+        xx -= xt * factor[i, 0]
+        xy -= xt * factor[i, 1]
+        yy -= yt * factor[i, 1]
+        xt *= own / pivot  # as `xx` does, but exact if `tt` is far larger than `own`
+        yt *= own / pivot
+        tt *= own / pivot
     return True
 
 
-@compiled
-def factorise_convex(matrix: Array, shift: float, factor: Array, least: float) -> float:
+@inlined
+def factorise_convex(
+    parts: ChainDerivatives, links: Array, length: float, shift: float, factor: Array, least: float
+) -> float:
     """Factorise with the least shift of a few tried, none or `least` on, and return it."""
-    if factorise_shifted(matrix, 0.0, factor):
+    if factorise_shifted(parts, links, length, 0.0, factor):
         return 0.0
     shift = max(0.25 * shift, least)
-    while not factorise_shifted(matrix, shift, factor):
+    while not factorise_shifted(parts, links, length, shift, factor):
         shift *= 4.0
     return shift
 
@@ -42,16 +76,20 @@ def factorise_convex(matrix: Array, shift: float, factor: Array, least: float) -
 @compiled
 def back_substitute(factor: Array, b: Array) -> None:
     """Solve for the vector in place."""
-    n = len(b)
-    for i in range(n):
-        total = b[i]
-        for k in range(i):
-            total -= factor[i, k] * b[k]
-        b[i] = total / factor[i, i]
-    for i in range(n - 1, -1, -1):
-        b[i] /= factor[i, i]
-        for k in range(i):
-            b[k] -= factor[i, k] * b[i]
+    x, y, turn = 0.0, 0.0, 0.0
+    for i in range(len(b) - 1, -1, -1):
+        turn += factor[i, 4] * x + factor[i, 5] * y
+        left = b[i] - turn
+        x += factor[i, 0] * left
+        y += factor[i, 1] * left
+        turn += factor[i, 2] * left
+        b[i] = left / factor[i, 3]
+    x, y, turn = 0.0, 0.0, 0.0
+    for i in range(len(b)):
+        b[i] -= factor[i, 0] * x + factor[i, 1] * y + factor[i, 2] * turn
+        turn += b[i]
+        x += factor[i, 4] * turn
+        y += factor[i, 5] * turn
 
 
 @compiled
@@ -119,23 +157,19 @@ def least_squares_multipliers(rows: Array, gradient: Array, multipliers: Array) 
     return residual
 
 
-@compiled
-def add_constraint_squares(rows: Array, matrix: Array) -> float:
-    """Add the constraints' rows to the lower triangle, A'A times a weight that is returned.
+@inlined
+def weigh_constraint_squares(rows: Array, diagonal: Array) -> float:
+    """Weight with which A'A, of the constraints' rows A, is added to a Hessian of that diagonal.
 
     That leaves the step what it is, as A d is fixed, and makes convex what can be: the Hessian
-    then needs to be convex only along the constraints.
+    then needs to be convex only along the constraints. The diagonal is that of the sum afterwards.
     """
-    weight, level = 0.0, 1e-300
-    for i in range(len(matrix)):
-        weight += 10.0 * abs(matrix[i, i])
+    level = 1e-300
     for e in range(len(rows)):
-        for i in range(len(matrix)):
+        for i in range(len(diagonal)):
             level += rows[e, i] * rows[e, i]
-    weight /= level
+    weight = 10.0 * np.abs(diagonal).sum() / level
     for e in range(len(rows)):
-        for i in range(len(matrix)):
-            by = weight * rows[e, i]
-            for j in range(i + 1):
-                matrix[i, j] += by * rows[e, j]
-    return weight
+        for i in range(len(diagonal)):
+            diagonal[i] += weight * rows[e, i] * rows[e, i]
+    return float(weight)

@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import exp, sqrt, tanh
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -32,22 +32,22 @@ from tjscan.towing.shape.estimate import PULL_TERM_INDEX, CablePull
 from tjscan.towing.shape.plan import PlanTerms
 from tjscan.towing.tables import TargetSettings, WeightSettings
 
-LONGEST_JOINT_TURN = 0.5
+LONGEST_JOINT_TURN: Final = 0.5
 """Radians that a joint turns at most in one step of Newton's method."""
 
-ANGLE_CHANGE_SMOOTHING = 0.02
+ANGLE_CHANGE_SMOOTHING: Final = 0.02
 """Radians within which |θ - θ_init| is rounded: it has a kink at the planner's start."""
 
-PACE_TERM_INDEX = 3
+PACE_TERM_INDEX: Final = 3
 """Index of the term of the vehicles' steps."""
 
-NEGLIGIBLE_TARGET_DISTANCES = 10.0
+NEGLIGIBLE_TARGET_DISTANCES: Final = 10.0
 """Target distances beyond which an obstacle's loss is below 1e-7 and left out."""
 
-LOSS_CURVES = ((0.8, 4.0), (0.2, 1.0))
+LOSS_CURVES: Final = ((0.8, 4.0), (0.2, 1.0))
 """Of the two curves; slopes over the target."""
 
-RISING_LOSS_CURVES = tuple((share / (1 + tanh(b)), b, tanh(b)) for share, b in LOSS_CURVES)
+RISING_LOSS_CURVES: Final = tuple((share / (1 + tanh(b)), b, tanh(b)) for share, b in LOSS_CURVES)
 """a_i, b_i times the target, and d_i of a rising loss."""
 
 
@@ -169,7 +169,7 @@ class ShapeState(NamedTuple):
 def new_shape_state(n: int, fixed: int) -> ShapeState:
     """Room for a chain of n links and a number of fixed ones."""
     links, point = np.empty((n, 5)), np.empty((n, 5))
-    joint, turn = np.empty((n, 2)), np.zeros((n, 2))
+    joint, turn = np.empty((n, 2)), np.empty((n, 2))
     constraint, jacobian = np.zeros(3 * fixed), np.zeros((3 * fixed, n))
     return ShapeState(links, joint, point, turn, np.empty(5), constraint, jacobian)
 
@@ -193,7 +193,7 @@ def evaluate_shape(
     links, terms, joint, point = state.links, state.terms, state.joint, state.point
     walls, corners, starts, discs = obstacles
     place_links(angles, problem.root, problem.length, links)
-    terms[:] = 0.0
+    terms[:], state.turn[:] = 0.0, 0.0
     for i in range(len(angles)):
         a = angles[i]
         value, first, second = rising_loss(a * a, targets[0])
@@ -337,22 +337,6 @@ def replace_pull(moved: Indices, costs: Array, links: Array, force: Array, point
 
 
 @compiled
-def add_pull_curvature(
-    moved: Indices, costs: Array, links: Array, root: Array, matrix: Array
-) -> None:
-    """Add the pull's curvature to a Hessian's lower triangle."""
-    for m in range(len(moved)):
-        if costs[m, 0] == PULL_TERM_INDEX:
-            for i in range(moved[m] + 1):
-                x, y = chain.link_motion_by_joint(i, moved[m], links, root)
-                by_x = costs[m, 6] * x + costs[m, 7] * y
-                by_y = costs[m, 7] * x + costs[m, 8] * y
-                for j in range(i + 1):
-                    x, y = chain.link_motion_by_joint(j, moved[m], links, root)
-                    matrix[i, j] += by_x * x + by_y * y
-
-
-@compiled
 def pull_gradient_after_step(
     moved: Indices, costs: Array, links: Array, root: Array, step: Array, force: Array
 ) -> None:
@@ -370,35 +354,38 @@ def pull_gradient_after_step(
 
 
 @inlined
-def convex_hessian(
-    problem: ShapeArrays,
-    state: ShapeState,
-    force: Array,
-    shift: float,
-    hessian: Array,
-    factor: Array,
+def factorise_lagrangian(
+    problem: ShapeArrays, state: ShapeState, force: Array, shift: float, factor: Array
 ) -> tuple[float, float]:
-    """Hessian of the Lagrangian and its factor, made convex; the shift and the rows' weight.
+    """Factor of the Lagrangian's Hessian, made convex; the shift and the rows' weight.
 
     Parameters
     ----------
     problem : ShapeArrays
     state : ShapeState
-        Its parts hold the forces of all multipliers.
+        Its parts hold the forces of all multipliers; curvatures of constraints and pull are added.
     force : ndarray, shape (2,)
         Of the pull, see `replace_pull`.
     shift : float
         Of the diagonal, in the step before.
-    hessian, factor : ndarray, shape (N, N)
-        Filled: lower triangles.
+    factor : ndarray, shape (N, 6)
+        Filled, see `linear.factorise_shifted`.
     """
-    links, moved, costs = state.links, problem.moved, problem.costs
+    links, moved, costs, fixed = state.links, problem.moved, problem.costs, problem.fixed
     replace_pull(moved, costs, links, force, state.point)
-    chain.chain_hessian(derivatives_of_state(state), links, problem.length, hessian)
-    weight = linear.add_constraint_squares(state.jacobian, hessian)
-    least = 1e-4 * np.abs(np.diag(hessian)).max()
-    add_pull_curvature(moved, costs, links, problem.root, hessian)
-    return linear.factorise_convex(hessian, shift, factor, least), weight
+    parts, diagonal = derivatives_of_state(state), np.empty(len(links))
+    chain.chain_hessian_diagonal(parts, links, problem.length, diagonal)
+    weight = linear.weigh_constraint_squares(state.jacobian, diagonal)
+    least = 1e-4 * np.abs(diagonal).max()
+    for e in range(len(fixed)):
+        state.point[fixed[e], 2] += weight
+        state.point[fixed[e], 4] += weight
+        state.turn[fixed[e], 1] += weight
+    for m in range(len(moved)):
+        if costs[m, 0] == PULL_TERM_INDEX:
+            for c in range(2, 5):
+                state.point[moved[m], c] += costs[m, c + 4]
+    return linear.factorise_convex(parts, links, problem.length, shift, factor, least), weight
 
 
 @compiled
@@ -433,8 +420,7 @@ def minimise_objective(
     n, m = len(angles), 3 * len(problem.fixed)
     state, after = make_shape_state(n, m // 3), make_shape_state(n, m // 3)
     gradient, step, trial, second = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
-    hessian, factor = np.empty((n, n)), np.zeros((n, n))
-    y, force = np.zeros(m), np.zeros(2)
+    factor, y, force = np.empty((n, 6)), np.zeros(m), np.zeros(2)
     penalty, shift, iteration, done = 0.0, 0.0, 0, False
     f = evaluate_shape(angles, problem, obstacles, state)
     while True:
@@ -445,7 +431,7 @@ def minimise_objective(
             break
         iteration += 1
         add_multipliers(problem, y, state.point)
-        shift, weight = convex_hessian(problem, state, force, shift, hessian, factor)
+        shift, weight = factorise_lagrangian(problem, state, force, shift, factor)
         linear.constrained_step(factor, state.jacobian, gradient, state.constraint, step, y)
         pull_gradient_after_step(
             problem.moved, problem.costs, state.links, problem.root, step, force

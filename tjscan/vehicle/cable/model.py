@@ -82,22 +82,19 @@ class CableModel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TowingVehicleModel(SettingsTable):
-    """The table [simulation.towing_vehicle]: bodies and drives of simulated towing vehicles.
+class TowingDriveModel(SettingsTable):
+    """Bodies and drives of simulated towing vehicles, but for their radius and force.
 
-    Mass, sizes and grip are those of Suzuki et al. (2022), table II.
+    Mass, height and grip are those of Suzuki et al. (2022), table II.
 
     Parameters
     ----------
     mass : float
         kg.
-    body_radius, body_height : float
-        Of the cylinder that it is, metres.
+    body_height : float
+        Metres.
     grip : float
         Friction of its wheels: the floor gives them no more than this share of its weight.
-    force : float
-        Most that its motors give along the floor, newton. Assumption: more than the grip, so that
-        its wheels spin before the motors stall.
     top_speed, top_turn_rate : float
         m/s and rad/s. Assumption.
     lag : float
@@ -110,16 +107,45 @@ class TowingVehicleModel(SettingsTable):
     """
 
     mass: Annotated[float, Gt(0), Le(1e4), KG] = 10.0
-    body_radius: Annotated[float, Gt(0), Le(1e4), MM] = 0.15
     body_height: Annotated[float, Gt(0), Le(1e4), MM] = 0.10
     grip: Annotated[float, Gt(0), Le(10)] = 0.50
-    force: Annotated[float, Gt(0), Le(1e5), NEWTON_UNIT] = 60.0
     top_speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.3
     top_turn_rate: Annotated[float, Gt(0), Le(720), DEG_S] = 1.0
     lag: Annotated[float, Ge(0), Le(10), SECONDS] = 0.05
     acceleration: Annotated[float, Gt(0), Le(1e5), MM_S2] = 0.5
     braking: Annotated[float, Gt(0), Le(1e5), MM_S2] = 2.0
     encoder_noise: Annotated[float, Ge(0), Le(100), MM_S] = 2e-4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TowingVehicleSettings(TowingDriveModel):
+    """The table [simulation.towing_vehicle]: what every vehicle of a simulated tow truly is.
+
+    Parameters
+    ----------
+    body_radius, force : float or None
+        See `TowingVehicleModel`; None if they are as the table [vehicles] states.
+    """
+
+    body_radius: Annotated[float | None, Gt(0), Le(1e4), MM] = None
+    force: Annotated[float | None, Gt(0), Le(1e5), NEWTON_UNIT] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TowingVehicleModel(TowingDriveModel):
+    """A simulated towing vehicle; its radius is that of Suzuki et al. (2022), table II.
+
+    Parameters
+    ----------
+    body_radius : float
+        Of the cylinder that it is, metres.
+    force : float
+        Most that its motors give along the floor, newton. Assumption: more than the grip, so that
+        its wheels spin before the motors stall.
+    """
+
+    body_radius: float = 0.15
+    force: float = 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -62,6 +62,19 @@ class MqttSettings(BrokerSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TeamMqttSettings(MqttSettings):
+    """The table [vehicles.mqtt]: the broker, and what the topics of all vehicles begin with.
+
+    Parameters
+    ----------
+    prefix : str
+        Of all topics; a vehicle's topics go on with its number, 1, 2, ...
+    """
+
+    prefix: Annotated[str, Len(1, 190)] = "tjscan/vehicle"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MqttLocalisationSettings(BrokerSettings):
     """The table [localisation.mqtt]: the broker, and the topics with poses there.
 
