@@ -23,7 +23,7 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setenv("HOME", str(folder))
         # Two of the commands: a script of all takes seconds to make.
         two = {path: JOB_KIND_OF_COMMAND[path] for path in (("scan",), ("crawl", "run"))}
-        patch.setattr(completion, "KIND_OF_JOB", two)
+        patch.setattr(completion, "JOB_KIND_OF_COMMAND", two)
         script = folder / "tjscan.bash"
         assert tjscan("--install-completion", "--shell", "bash", "--output", script) == 0
     return script
