@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.planning.bead import PlannedBead
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 
 

@@ -19,8 +19,8 @@ from tjscan.core.frames import Array
 from tjscan.core.pose_vector import rotation_to_vector
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import DEG, MM, MM2, FileUnit
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.details import DetailStretch
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN
 

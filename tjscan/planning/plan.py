@@ -12,9 +12,8 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, Mask
 from tjscan.core.units import MM2, FileUnit
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
-from tjscan.planning.lay import ArrangedGroove
+from tjscan.planning.lay import ArrangedGroove, PlannedBead
 from tjscan.planning.path import LONGEST_STATION_STEP, cut_groove_stations, map_template_onto
 from tjscan.planning.stops import SHORTEST_SPAN, StationStretch, StopPlacement
 from tjscan.planning.topology import LIMIT_TOLERANCE, Arrangement, BeadArranger, NoArrangementFits

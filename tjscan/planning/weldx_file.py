@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tjscan.core.units import MM
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import PlanDocument
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN
 

@@ -24,9 +24,9 @@ from tjscan.core.frames import (
 from tjscan.core.units import MM
 from tjscan.job.cell import collision_model_of_job, kinematics_of_job
 from tjscan.job.files import ScanJob, read_scan_job
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import LengthEntry
 from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import BeadPath, StationPath

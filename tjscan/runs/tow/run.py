@@ -233,7 +233,7 @@ def replay_tow(
         last = min(starts, key=lambda plan: np.hypot(*(plan.held_poses - began)[:, :2].T).mean())
     with lock_and_clean_directory(out):
         with TowRecording(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
-            journal.record(RunEvent(REPLAY_EVENT, f"planned anew from {directory}; nothing moved"))
+            journal.record(RunEvent(REPLAY_EVENT, f"planned again from {directory}; nothing moved"))
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):
