@@ -1,4 +1,4 @@
-"""The beads of a layer along the groove: path, torch, speed and heat."""
+"""A bead of the plan, and how the beads of a layer are laid: path, torch, speed and heat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``tjscan scan``, ``tjscan reprocess`` and ``tjscan stitch`` print."""
+"""What ``tjscan scan`` does once its options are checked; what it, reprocess and stitch print."""
 
 from __future__ import annotations
 
