@@ -25,7 +25,7 @@ from tjscan.runs.tow.run import make_tow
 from tjscan.runs.tow.study import InMemoryTowJournal
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
-from tjscan.vehicle.simulated_body import STATE_PERIOD
+from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
 from tjscan.vehicle.simulated_team import SimulatedLocalisation, SimulatedTeam
 
 DISTURBANCE_BEGINS: Final = (3.0, 6.0)
@@ -57,7 +57,7 @@ class DisturbedTeam(SimulatedTeam):
         for vehicle in self.vehicles:
             self.world.order(vehicle.which, vehicle.twist_to_drive())
         self._disturb()
-        self.world.advance(STATE_PERIOD)
+        self.world.advance(VEHICLE_STATE_PERIOD)
         for vehicle in self.vehicles:
             vehicle.store_world_state()
 

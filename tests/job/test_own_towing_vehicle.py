@@ -95,10 +95,10 @@ def acme(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     )
     registries: tuple[DriverRegistry[Any], ...] = (TOWING_VEHICLE_DRIVERS, LOCALISATION_DRIVERS)
     for registry in registries:
-        registry.__dict__.pop("_places", None)
+        registry.__dict__.pop("_entries", None)
     yield
     for registry in registries:
-        registry.__dict__.pop("_places", None)
+        registry.__dict__.pop("_entries", None)
 
 
 class Kept:

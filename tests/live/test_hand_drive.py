@@ -19,7 +19,7 @@ from tjscan.live.page import HELD_BUTTON_RATE, Button, Page, PageAddress
 from tjscan.live.step import SceneSetup
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.runs.live.crawl import BUTTON_HOLD_LIFETIME, LEAST_DRIVE_ORDER_INTERVAL, PageHandDrive
-from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN, Twist
+from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME, Twist
 
 SPEED, CURVATURE = 0.02, 0.125
 FORWARD = "Hold: forward"
@@ -136,7 +136,7 @@ def test_a_browser_that_is_lost_stops_it_in_half_a_second(tmp_path: Path) -> Non
     assert {cycle.travel for cycle in driven[:-1]} == {driven[0].travel}  # no way along the joint
     after = [cycle for cycle in notes.cycles if cycle.state.time > notes.heard_at]
     stands = next(c for c in after if abs(c.state.odometry.speed) < 1e-3)
-    assert stands.state.time - notes.heard_at < DEAD_MAN
+    assert stands.state.time - notes.heard_at < DEAD_MAN_TIME
 
 
 def test_driven_by_hand_it_forgets_where_it_was_and_not_how_it_slips(tmp_path: Path) -> None:

@@ -39,9 +39,9 @@ from tjscan.laser.files.read import read_profiles
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
-HELD_OUT_EVERY: Final = 5
+HELD_OUT_PROFILE_INTERVAL: Final = 5
 """One profile of so many only checks the result of a calibration of the arm."""
-MAX_POSE_DIFFERENCE: Final = 0.005
+MAX_RECORDED_POSE_ERROR: Final = 0.005
 """Metres between the flange as recorded and by the arm's model, beyond any calibration."""
 
 Report = Callable[[str], None]
@@ -192,7 +192,7 @@ def _calibrate_arm(
 ) -> HandEyeCalibration:
     """Calibrate an arm and the sensor on it, every fifth profile held out."""
     names = [name for one in seen for name in one.names]
-    held_out = np.arange(len(names)) % HELD_OUT_EVERY == HELD_OUT_EVERY // 2
+    held_out = np.arange(len(names)) % HELD_OUT_PROFILE_INTERVAL == HELD_OUT_PROFILE_INTERVAL // 2
     targets = []
     for one in seen:
         model, start = one.model_at_sensor_pose(T_f_s)
@@ -215,7 +215,7 @@ def _check_joint_angles(shots: Sequence[PosedProfile], kinematics: Kinematics) -
                 "q1_deg, q2_deg and so on"
             )
         apart = np.linalg.norm(kinematics.forward(shot.q)[:3, 3] - shot.T_b_f[:3, 3])
-        if apart > MAX_POSE_DIFFERENCE:
+        if apart > MAX_RECORDED_POSE_ERROR:
             raise ConfigurationError(
                 f"{shot.name}: with these joint angles the flange of a {kinematics.name} is "
                 f"{1e3 * apart:.0f} mm from the pose beside them; they belong to another pose, "

@@ -9,7 +9,7 @@ from threading import Thread
 from typing import Final
 
 from tjscan.cli.output.console import print_message
-from tjscan.core.signals import enable_ctrl_c, handle_ctrl_c, press_ctrl_c
+from tjscan.core.signals import enable_ctrl_c, handle_ctrl_c, interrupt_main_thread
 from tjscan.scanning.stopping import StopRequest
 
 INTERRUPT_EXIT_CODE: Final = 130
@@ -59,4 +59,4 @@ def ctrl_c_presser() -> Callable[[], None]:
     stop it all the same.
     """
     enable_ctrl_c()
-    return press_ctrl_c
+    return interrupt_main_thread

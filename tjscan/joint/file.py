@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, NoReturn, Self
 import numpy as np
 from pydantic import Field, Strict
 
-from tjscan.core.config import StrictFileModel, read_toml, validate_table
+from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.definition import (
     NO_IMPERFECTIONS,
@@ -309,10 +309,8 @@ def read_joint(path: Path) -> JointDefinition:
         If the file can't be read, or such a joint can't be built.
     """
     file = validate_table(JointFile, read_toml(path), path)
-    try:
+    with add_file_to_errors(path):
         return file.definition(path.stem)
-    except ConfigurationError as error:
-        raise ConfigurationError(error.message, file=path, key=error.key) from None
 
 
 def _rounded(value: float) -> float:

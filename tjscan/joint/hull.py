@@ -19,9 +19,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Len
 
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
-
-IN_METRES: Final = FileUnit("m")
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, METRE_UNIT, MM, SettingsTable
 
 LEAST_ROOT_GAP: Final = -1e-6
 """Least root gap, in metres: below zero by no more than what rounding of the file leaves."""
@@ -41,7 +39,7 @@ class HullTack(SettingsTable):
         Over the groove's bottom, in metres.
     """
 
-    at: Annotated[float, Ge(0.0), Le(1000.0), IN_METRES]
+    at: Annotated[float, Ge(0.0), Le(1000.0), METRE_UNIT]
     length: Annotated[float, Ge(2.0), Le(500.0), MM] = 0.03
     height: Annotated[float, Gt(0.0), Le(40.0), MM] = 0.005
 
@@ -108,8 +106,8 @@ class HullJoint(SettingsTable):
     root_face: Annotated[float, Ge(0.0), Le(20.0), MM] = 0.0
     backing: bool = True
     high_low: Annotated[float, Ge(-10.0), Le(10.0), MM] = 0.0
-    length: Annotated[float, Gt(0.0), Le(1000.0), IN_METRES] = 2.0
-    radius: Annotated[float | None, IN_METRES] = None
+    length: Annotated[float, Gt(0.0), Le(1000.0), METRE_UNIT] = 2.0
+    radius: Annotated[float | None, METRE_UNIT] = None
     tacks: Annotated[tuple[HullTack, ...], Len(0, 1000), LIST_OR_WORD_IN_FILE] = ()
     beads: Annotated[tuple[WeldBead, ...], Len(0, 50), LIST_OR_WORD_IN_FILE] = ()
     ripple: Annotated[float, Ge(0.0), Le(2.0), MM] = 0.0

@@ -14,7 +14,7 @@ from tjscan.live.colours import ARM_COLOUR, SOLID_COLOUR, TOOL_COLOUR, Colour, C
 from tjscan.live.drawables import ArmPosture, BodyPose, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.step import SceneSetup
 from tjscan.robot.settings import Solid
-from tjscan.robot.visuals import link_bodies, solid_mesh
+from tjscan.robot.visuals import link_meshes, solid_mesh
 
 POINT_SIZE: Final = 0.0016
 """Metres across a drawn point."""
@@ -104,7 +104,7 @@ class Stage:
         flange = setting.arm.link_names[-1]
         for name in setting.arm.link_names:
             self._add_hidden_frame(f"arm/{name}")
-        for body in link_bodies(setting.arm.urdf):
+        for body in link_meshes(setting.arm.urdf):
             path = f"{self._root}/arm/{body.link}/body"
             self._draw_mesh(path, body.vertices, body.triangles, ARM_COLOUR)
         self._draw_solids(f"arm/{flange}/tool", setting.tool, TOOL_COLOUR)

@@ -12,7 +12,7 @@ from tjscan.comparison.compare import AlignmentMethod, Comparison, check_toleran
 from tjscan.comparison.shapes import Shape, UserUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
@@ -24,7 +24,7 @@ from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, S
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.summary import ScanSummary, StitchingReport, read_stitching_report, read_summary
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.tasks import report_chapters
+from tjscan.runs.tasks import ALL_TASKS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +171,7 @@ def read_report_data(
     places = []
     for name, folder in folders.items():
         if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file():
-            chapters = tuple(write(folder) for write in report_chapters().values())
+            chapters = tuple(task.load("chapter")(folder) for task in ALL_TASKS)
             places.append(StationRunData(name, read_summary(folder / SUMMARY_FILE), chapters))
     run = directory, summary, sections, shape, tuple(places)
     joint = None if file is None else read_joint(file)
@@ -197,7 +197,7 @@ def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
     files = (folder / JOINT_FILE for folder in (directory, *folders))
     file = next((file for file in files if file.is_file()), None)
     if file is not None:
-        check_as_written(file)
+        check_files_unaltered(file)
     return file
 
 

@@ -20,11 +20,11 @@ from tjscan.report.drawings import draw_sections
 from tjscan.report.picture import MOST_LISTED_EVENTS, load_template
 from tjscan.report.profiles import draw_fitted_profiles
 from tjscan.report.view3d import groove_view_data
-from tjscan.result.chapter import ReportSheet
+from tjscan.result.chapter import ReportChapter, ReportSheet
 from tjscan.result.directory import job_label_of_run
 from tjscan.result.picture import write_png
 from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS
-from tjscan.runs.tasks import page_of_task, task_with_own_page
+from tjscan.runs.tasks import task_with_own_page
 
 ALIGNMENT_METHOD_TEXTS: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
@@ -149,7 +149,7 @@ def write_run_report(
     """
     sheet: ReportSheet | None = None
     if (task := task_with_own_page(directory)) is not None:
-        chapter = page_of_task(task)(directory)
+        chapter: ReportChapter = task.load("page")(directory)
         sheet = chapter.sheet
         page = render_chapter_page(chapter, task.name.capitalize(), directory)
     else:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic_core import to_json
 
 from tjscan.comparison.distance import DistanceStatistics
-from tjscan.core.config import read_json_as_written
+from tjscan.core.config import read_unaltered_json
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
@@ -238,7 +238,7 @@ def read_summary(file: Path) -> ScanSummary:
     RecordingError
         If it is not as it was written.
     """
-    return read_json_as_written(ScanSummary, file, MOST_SUMMARY_BYTES, "summary of a scan")
+    return read_unaltered_json(ScanSummary, file, MOST_SUMMARY_BYTES, "summary of a scan")
 
 
 def check_recording_complete(directory: Path, summary: ScanSummary, sections: int) -> None:
@@ -444,7 +444,7 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
     file = directory / STATIONS_FILE
     if not file.is_file():
         return None
-    return read_json_as_written(
+    return read_unaltered_json(
         StitchingReport, file, MOST_STITCHING_REPORT_BYTES, "report of a stitching"
     )
 
@@ -512,7 +512,7 @@ def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
     """
     if not file.is_file():
         return None
-    found = read_json_as_written(BudgetFile, file, MOST_BUDGET_BYTES, "budget of uncertainty")
+    found = read_unaltered_json(BudgetFile, file, MOST_BUDGET_BYTES, "budget of uncertainty")
     parts = []
     with suppress(ValueError):
         for one in found.components:

@@ -14,7 +14,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import (
@@ -103,7 +103,7 @@ def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
     """
     try:
         check_file_size(file, MOST_TABLE_BYTES, "sections")
-        check_as_written(file)
+        check_files_unaltered(file)
         with file.open(newline="", encoding="utf-8-sig") as stream:
             above = 0
             while (line := stream.readline()).startswith(COMMENT_MARK):

@@ -104,22 +104,15 @@ def _make_ur_arm(inputs: ArmDriverInputs, settings: UrSettings) -> UrArm:
     return UrArm(inputs.kinematics, settings, inputs.limits)
 
 
-SIMULATED_DRIVER: Final = ArmDriverFactory(
-    _make_simulated_arm, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
-)
-REPLAY_DRIVER: Final = ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED)
-
-UR_DRIVER: Final = ArmDriverFactory(_make_ur_arm, UrSettings)
-
-ARM_DRIVERS: Final[DriverRegistry[ArmDriverFactory]] = DriverRegistry(
+ARM_DRIVERS: Final = DriverRegistry(
     "arm",
     {
-        "simulated": "tjscan.robot.drivers:SIMULATED_DRIVER",
-        "replay": "tjscan.robot.drivers:REPLAY_DRIVER",
-        "ur": "tjscan.robot.drivers:UR_DRIVER",
+        "simulated": ArmDriverFactory(
+            _make_simulated_arm, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
+        ),
+        "replay": ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED),
+        "ur": ArmDriverFactory(_make_ur_arm, UrSettings, extra="ur", client="rtde_control"),
     },
-    extras={"ur": "ur"},
-    clients={"ur": "rtde_control"},
     key="arm.driver",
     type=ArmDriverFactory,
 )

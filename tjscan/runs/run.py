@@ -28,7 +28,7 @@ from tjscan.core.files import (
     write_files_atomically,
 )
 from tjscan.core.locks import lock_directory
-from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
+from tjscan.core.manifest import MANIFEST_FILE, check_files_unaltered, files_altered_since_written
 from tjscan.core.provenance import Provenance
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.job.devices import CalibrationSettings
@@ -126,7 +126,7 @@ def make_run_directory(
         it was written.
     """
     named = {name: file for name, file in copies.items() if file is not None}
-    check_as_written(*named.values())
+    check_files_unaltered(*named.values())
     if (model := Path(job.arm.model)).suffix == ".urdf":
         named[URDF_FILE] = model
     with make_empty_run_directory(directory) as draft:
@@ -210,7 +210,7 @@ def check_replay(
         If its job or calibration is not as it was written.
     """
     refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
-    check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
+    check_files_unaltered(directory / JOB_FILE, directory / CALIBRATION_FILE)
     names = REPLAYABLE_TASKS if (directory / JOB_FILE).is_file() else ()
     held = [name for name in names if recording_files(directory, name)[0].is_file()]
     if task not in held:
@@ -319,7 +319,7 @@ def make_empty_run_directory(directory: Path) -> Iterator[Path]:
 
 def accept_edited_copies(directory: Path, journal: Journal) -> None:
     """Take what a run directory is made with as it now is, and report what was edited in it."""
-    edited = changed_since_written(*(directory / name for name in RUN_INPUT_FILES))
+    edited = files_altered_since_written(*(directory / name for name in RUN_INPUT_FILES))
     if edited:
         with write_files_atomically(directory) as draft:
             for file in edited:
@@ -388,7 +388,7 @@ def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
     ConfigurationError
         If it can't be read.
     """
-    check_as_written(file)
+    check_files_unaltered(file)
     try:
         return parse(read_small_file(file, MOST_RESULT_BYTES, what).decode())
     except (OSError, ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:

@@ -19,7 +19,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.core.signals import hold_ctrl_c
+from tjscan.core.signals import delay_ctrl_c
 from tjscan.laser.profile import Profile
 from tjscan.recording import foxglove
 from tjscan.recording.header import JobSnapshot
@@ -82,7 +82,7 @@ class ScanRecordingWriter(RecordingWriter):
         if fixed:
             self._add_frames({("b", name): T for name, T in fixed.items()})
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def record(self, message: object) -> None:
         """Write a view before it is read, an event, or a section, which is brought to the disk."""
         match message:

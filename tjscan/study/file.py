@@ -84,10 +84,8 @@ def read_study_file(file: Path, backend_of: BackendOfTask) -> StudyFile:
         If it can't be read, or a key is unknown, missing or of a wrong type or value.
     """
     study = validate_table(StudyFile, read_toml(file), file)
-    try:
+    with add_file_to_errors(file):
         study.varied_axes(backend_of)
-    except ConfigurationError as error:
-        raise ConfigurationError(error.message, file=file, key=error.key) from None
     return study
 
 

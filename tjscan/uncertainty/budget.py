@@ -159,7 +159,7 @@ class UncertaintyBudget:
         shares : sequence of sequence of SectionShare
             What each new section is made of.
         """
-        return UncertaintyBudget(tuple(_component_made_of(one, shares) for one in self.components))
+        return UncertaintyBudget(tuple(_fused_component(one, shares) for one in self.components))
 
     def sections_with_covariances(
         self, sections: Sequence[MeasuredSection]
@@ -178,7 +178,7 @@ class UncertaintyBudget:
         )
 
 
-def _component_made_of(
+def _fused_component(
     component: BudgetComponent, shares: Sequence[Sequence[SectionShare]]
 ) -> BudgetComponent:
     """A component of sections made of others: what is not shared keeps draws of its own."""
@@ -223,7 +223,7 @@ def covariance_factor(covariance: Array) -> Array:
 
 ALIGNMENT_CAUSE: Final = "alignment"
 
-POINTS_ON_WALLS: Final = (0, 1, 3, 4)
+WALL_POINT_INDICES: Final = (0, 1, 3, 4)
 """p1 and p2 lie on the brace's wall, p4 and p5 on the leg."""
 
 
@@ -250,7 +250,7 @@ def aligned_budget(
         was measured was laid on the reference as it is.
     """
     n = len(points)
-    at = points[:, POINTS_ON_WALLS].reshape(-1, 3)
+    at = points[:, WALL_POINT_INDICES].reshape(-1, 3)
     across = normals[:, (0, 0, 1, 1)].reshape(-1, 3)
     turned = np.cross(at, across)
     columns = [across, turned]
@@ -263,7 +263,7 @@ def aligned_budget(
     components, own = [], np.zeros((6, 6))
     for one in budget.components:
         m = one.points.shape[-1]
-        off = np.einsum("kc,kcm->km", across, one.points[:, POINTS_ON_WALLS].reshape(-1, 3, m))
+        off = np.einsum("kc,kcm->km", across, one.points[:, WALL_POINT_INDICES].reshape(-1, 3, m))
         if one.is_shared:
             moved = points_moved_by_twist(points, taken_back @ off)
             one = replace(one, points=one.points + moved)
@@ -279,7 +279,7 @@ def aligned_budget(
 TYPICAL_QUANTILES: Final = (0.4, 0.6)
 """Quantiles between which a corner's combined uncertainty counts as typical."""
 
-COMBINED_ROW: Final = "combined"
+COMBINED_ROW_NAME: Final = "combined"
 
 MEASURE_UNITS: Final = np.array((DEG.factor, MM.factor, MM.factor, MM2.factor))
 
@@ -373,7 +373,7 @@ def summarise_budget(
     sigma = np.sqrt(combined)
     return BudgetSummary(
         tuple(rows),
-        _budget_row(COMBINED_ROW, "", False, sigma),
+        _budget_row(COMBINED_ROW_NAME, "", False, sigma),
         _budget_row(f"expanded, k = {COVERAGE_FACTOR:g}", "", False, COVERAGE_FACTOR * sigma),
         left_out=tuple(left_out),
     )

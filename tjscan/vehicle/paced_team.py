@@ -13,7 +13,7 @@ from tjscan.core.devices import EventListener
 from tjscan.core.errors import VehicleFault, VehicleLinkLost
 from tjscan.vehicle.vehicle import Vehicle, VehicleState
 
-RETRY_PERIOD: Final = 0.05
+LOST_LINK_RETRY_PERIOD: Final = 0.05
 """Seconds after which a vehicle whose link is lost is polled again."""
 
 
@@ -76,4 +76,4 @@ class PacedTeam:
                 self._newest[k] = self.vehicles[k].next_state()
             except VehicleFault as error:
                 self._newest[k] = error
-                self._closed.wait(RETRY_PERIOD)
+                self._closed.wait(LOST_LINK_RETRY_PERIOD)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import exp, inf, radians
+from math import exp, inf
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -12,20 +12,19 @@ from annotated_types import Ge, Gt, Le, Len
 from tjscan.core.frames import Array, pose, readonly_copy, rot_z
 from tjscan.core.units import (
     DEG,
+    DEG_S,
     LIST_OR_WORD_IN_FILE,
     MM,
     MM_S,
     MM_S2,
+    PERCENT_UNIT,
     SECONDS,
-    FileUnit,
     SettingsTable,
 )
 from tjscan.vehicle.pad_plant import PadPlant, PadSettings
 from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings, TrackLoad
 from tjscan.vehicle.tracks import TrackGeometry, VehiclePlant
 from tjscan.vehicle.vehicle import Twist, VehicleState
-
-PERCENT_UNIT: Final = FileUnit("percent", 0.01)
 
 Millimetres = Annotated[float, Ge(-1e6), Le(1e6)]
 
@@ -149,9 +148,6 @@ class DriveSettings(SettingsTable):
     braking: Annotated[float, Gt(0), Le(1e5), MM_S2] = 2.0
 
 
-DEG_S: Final = FileUnit("deg_s", radians(1.0))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleSimulationSettings(SettingsTable):
     """The table [simulation.vehicle]: where a simulated vehicle stands, and how it moves.
@@ -189,7 +185,7 @@ class VehicleSimulationSettings(SettingsTable):
     steel: Outline = ()
 
 
-STATE_PERIOD: Final = 0.01
+VEHICLE_STATE_PERIOD: Final = 0.01
 """Seconds between states."""
 
 
@@ -253,7 +249,7 @@ class SimulatedBody:
         return not self._speeds.any()
 
     def advance(
-        self, twist: Twist | None, *, period: float = STATE_PERIOD, grip: float = 1.0
+        self, twist: Twist | None, *, period: float = VEHICLE_STATE_PERIOD, grip: float = 1.0
     ) -> VehicleState:
         """Go on by a period, and report the state then.
 
@@ -294,7 +290,7 @@ class SimulatedBody:
 
     def _read_proximity(self) -> tuple[float, ...]:
         due = self._sampled + self._settings.proximity.period
-        if self.time < due - STATE_PERIOD / 2:
+        if self.time < due - VEHICLE_STATE_PERIOD / 2:
             return ()
         self._sampled = self.time
         return self._sensors.read(self.plant.pose_w, arc_burning=self.arc_burning)

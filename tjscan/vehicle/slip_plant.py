@@ -72,7 +72,7 @@ class TrackLoad:
 
 DEG_PER_M: Final = FileUnit("deg_per_m", radians(1.0))
 
-YAW_DRIFT: Final = 0.01
+SLIPPING_YAW_DRIFT: Final = 0.01
 """rad/m: what unequal tracks turn a vehicle that slips at all and drives straight on."""
 
 
@@ -150,7 +150,7 @@ class SlipPlant:
         self._gauge, self._settings = gauge, settings
         self._kept = 1 - _value_or(s.longitudinal, p / 10)
         self._yaw = _value_or(s.yaw_efficiency, 1 - p), _value_or(s.yaw_variation, p / 4)
-        self._drift = _value_or(s.yaw_drift, YAW_DRIFT if p > 0 else 0.0)
+        self._drift = _value_or(s.yaw_drift, SLIPPING_YAW_DRIFT if p > 0 else 0.0)
         self._crab = _value_or(s.crab, 0.05 * p)
         self._icr_ahead = _value_or(s.icr_ahead, 0.3 * p)
         self._phase = 2 * pi * np.random.default_rng(seed).random()

@@ -37,12 +37,6 @@ class TrackGeometry(SettingsTable):
         half = self.gauge * twist.turn_rate / 2
         return np.array((twist.speed + half, twist.speed - half))
 
-    def motor_rates(self, twist: Twist) -> tuple[float, float]:
-        """Rates of the left and right sprocket, rad/s, that a twist asks for; eq. (10)."""
-        r, b = self.sprocket_radius, self.gauge
-        v, w = twist.speed, twist.turn_rate
-        return v / r + b * w / (2 * r), -v / r + b * w / (2 * r)  # eq. (10)
-
     def twist(self, left: float, right: float) -> Twist:
         """Twist that the rates of the left and right sprocket, rad/s, show; eq. (10) inverted."""
         r, b = self.sprocket_radius, self.gauge

@@ -13,7 +13,7 @@ from threading import Thread
 from typing import Final
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.signals import read_no_terminal_in_background
+from tjscan.core.signals import survive_background_terminal_read
 from tjscan_loopback.laser.faults import parse_laser_fault
 from tjscan_loopback.laser.gvcp import GVCP_PORT
 from tjscan_loopback.laser.sensor import LoopbackSensor
@@ -37,7 +37,7 @@ def run_laser_server(
         If the address is not this machine's own, or another program has the port.
     """
     check_is_loopback_address(sensor.host)
-    read_no_terminal_in_background()
+    survive_background_terminal_read()
     with ExitStack() as stack:
         control = stack.enter_context(_control_socket(sensor.host))
         stream = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))

@@ -17,7 +17,7 @@ from tjscan.robot.path import (
     JOINT_TURN_SPACING,
     LARGEST_JOINT_TURN,
     MotionLimits,
-    fastest_joint_path,
+    fastest_trajectory,
 )
 from tjscan_loopback.ur.tool_path import ToolPath
 
@@ -142,7 +142,7 @@ def joint_motion(
     waypoints = np.linspace(q, goal, pieces + 1)
     points_b = np.array([kinematics.forward(w)[:3, 3] for w in waypoints])
     limits = MotionLimits(UNBOUNDED_SPEED, UNBOUNDED_SPEED, 1.0, acceleration)
-    return fastest_joint_path(waypoints, points_b, np.full(len(q), speed), limits)
+    return fastest_trajectory(waypoints, points_b, np.full(len(q), speed), limits)
 
 
 def path_motion(

@@ -21,7 +21,7 @@ from tjscan.vehicle.mqtt.wire import (
     PresenceMessage,
     StateMessage,
 )
-from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME, Twist, VehicleState
 from tjscan_loopback.vehicle.bodies import LoopbackBody
 from tjscan_loopback.vehicle.faults import VehicleFaultOrder
 from tjscan_loopback.vehicle.torch import LoopbackTorch
@@ -141,7 +141,7 @@ class LoopbackVehicle:
                 self._gate.reset()
                 self._twist = None
         elif message.alive:
-            if self._gate.session and now - self._heard < DEAD_MAN:
+            if self._gate.session and now - self._heard < DEAD_MAN_TIME:
                 raise BadMessage("another program commands this vehicle")
             self._gate.reset(message.session)
             self._twist = None
@@ -160,7 +160,7 @@ class LoopbackVehicle:
                 raise BadMessage("a vehicle on tracks can't drive sideways")
         else:
             self._twist = message.twist
-            self._until = now + min(message.hold, DEAD_MAN) - self.body.braking_time
+            self._until = now + min(message.hold, DEAD_MAN_TIME) - self.body.braking_time
 
     def _tell_motion(self, now: float) -> None:
         if self._moving == self.body.stands:

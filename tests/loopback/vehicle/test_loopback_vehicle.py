@@ -8,9 +8,13 @@ pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
 
 from tjscan.vehicle.mqtt.link import ReceivedMessage
 from tjscan.vehicle.mqtt.wire import CommandMessage, PresenceMessage, StateMessage
-from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody, VehicleSimulationSettings
+from tjscan.vehicle.simulated_body import (
+    VEHICLE_STATE_PERIOD,
+    SimulatedBody,
+    VehicleSimulationSettings,
+)
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME
 from tjscan_loopback.vehicle.bodies import CrawlerBody
 from tjscan_loopback.vehicle.faults import OrderedFault, VehicleFaultOrder, parse_ordered_fault
 from tjscan_loopback.vehicle.vehicle import LoopbackVehicle
@@ -52,8 +56,8 @@ def vehicle() -> LoopbackVehicle:
 
 def advance(vehicle: LoopbackVehicle, start: float, seconds: float) -> StateMessage:
     """Go on, with nothing heard; the last state."""
-    for tick in range(1, round(seconds / STATE_PERIOD) + 1):
-        sent = vehicle.advance(start + tick * STATE_PERIOD, STATE_PERIOD)
+    for tick in range(1, round(seconds / VEHICLE_STATE_PERIOD) + 1):
+        sent = vehicle.advance(start + tick * VEHICLE_STATE_PERIOD, VEHICLE_STATE_PERIOD)
     return StateMessage.from_json(dict(sent)["state"])
 
 
@@ -78,7 +82,7 @@ def test_it_stands_when_the_dead_man_time_is_over(speed: float, start: float) ->
     program = Program(driven)
     program.announce(start)
     program.drive(1, start, speed)
-    advance(driven, start, DEAD_MAN + 2 * STATE_PERIOD)
+    advance(driven, start, DEAD_MAN_TIME + 2 * VEHICLE_STATE_PERIOD)
     assert driven.body.stands
     # It is no latch: the next command drives again.
     program.drive(2, start + 1.0, 0.05)
@@ -99,7 +103,7 @@ def test_it_brakes_at_once_when(what: str) -> None:
         driven.link_stands = False
     else:
         driven.order_fault(VehicleFaultOrder.DRIVE_FAULT)
-    advance(driven, 0.3, driven.body.braking_time + STATE_PERIOD)
+    advance(driven, 0.3, driven.body.braking_time + VEHICLE_STATE_PERIOD)
     assert driven.body.stands
 
 

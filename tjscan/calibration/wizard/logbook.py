@@ -202,7 +202,7 @@ class MeasurementsSoFar:
     arm_poses: dict[int, ArmPoseTaken] = field(default_factory=dict)
 
     @property
-    def contacts(self) -> list[tuple[int, Array, Array | None]]:
+    def tip_contacts(self) -> list[tuple[int, Array, Array | None]]:
         """Number of each place where the tip touched, T_b_f and joint angles then, in order."""
         touches = sorted(self.touches.items())
         return [(k, touch.T_b_f, touch.q) for k, touch in touches if touch.T_b_f is not None]

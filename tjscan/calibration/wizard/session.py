@@ -228,7 +228,7 @@ class SuggestedPose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinePrediction:
+class LinePredictor:
     """Predicts the lines that a sensor would take of a plane, and their information about it.
 
     Parameters
@@ -369,7 +369,7 @@ class LinePrediction:
         """Information from lines and before any, shape (9, 9): mount roughly, plane as touched."""
         sigmas = np.repeat((MOUNT_PRIOR_SIGMA_POSITION, MOUNT_PRIOR_SIGMA_ROTATION), 3)
         known = block_diag(np.diag(1 / sigmas**2), self.target.information)
-        if not self.target.was_touched:
+        if not self.target.is_place_known:
             # Unknown, yet no determinant may vanish: half a turn and a metre.
             known[6:, 6:] = np.diag((np.pi**-2, np.pi**-2, 1.0))
         return np.asarray(known + self.lines(T_b_f).information.sum(0))
@@ -515,7 +515,8 @@ class CalibrationPlan:
     def tip_positions(self, measured: MeasurementsSoFar) -> dict[int, Array]:
         """Positions of the tip at each touch so far, frame b, metres, by number of the place."""
         return {
-            number: transform_points(T_b_f, self.tip_f) for number, T_b_f, _ in measured.contacts
+            number: transform_points(T_b_f, self.tip_f)
+            for number, T_b_f, _ in measured.tip_contacts
         }
 
     def fit_board(self, measured: MeasurementsSoFar) -> tuple[PlaneTarget, BoardRectangle]:
@@ -535,7 +536,7 @@ class CalibrationPlan:
     def _tip_motion_per_draw(self, measured: MeasurementsSoFar) -> Array | None:
         """How the tip moves at each touch with draws of the arm's geometry, shape (n, 3, m)."""
         moves = []
-        for _, T_b_f, q in measured.contacts:
+        for _, T_b_f, q in measured.tip_contacts:
             if self.flange_moves is None or q is None:
                 return None
             by_flange = self.flange_moves(q)
@@ -554,9 +555,9 @@ class CalibrationPlan:
         """Lines of the profiles that show one, with their responses to errors that all share."""
         return fit_profiles(profiles, fit_line, self.noise, self.laser, self.flange_moves)[0]
 
-    def line_predictor(self, T_f_s: Array, target: PlaneTarget) -> LinePrediction:
+    def line_predictor(self, T_f_s: Array, target: PlaneTarget) -> LinePredictor:
         """Predicts lines on the board of a sensor that sits at T_f_s, shape (4, 4)."""
-        return LinePrediction(T_f_s, target, self.window, self.noise)
+        return LinePredictor(T_f_s, target, self.window, self.noise)
 
     def progress(self, measured: MeasurementsSoFar, target: PlaneTarget) -> CalibrationProgress:
         """Result of the lines taken so far, or why there is none yet.

@@ -96,7 +96,7 @@ LEAST_POINT_SIGMA: Final = 10e-6
 INLIER_REACH_SIGMAS: Final = 6.0
 """Standard deviations within which the spread is estimated again."""
 
-MOST_REFINEMENTS: Final = 100
+MOST_CYLINDER_REFINEMENTS: Final = 100
 CONVERGED_CYLINDER_STEP: Final = 1e-8
 """Metres and radians that no number moves by any more in the end."""
 
@@ -199,7 +199,7 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
         Of the wall and of anything else, metres.
     """
     reach = FIRST_REACH_FROM_CYLINDER
-    for _ in range(MOST_REFINEMENTS):
+    for _ in range(MOST_CYLINDER_REFINEMENTS):
         off = tube.signed_distances(points)
         near = np.abs(off) < reach
         if near.sum() <= 5:

@@ -47,13 +47,13 @@ LASER_CLOCK_READINGS: Final = 10
 TRIGGER_SELECTORS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
 """What a trigger may start, the first that there is."""
 
-PREFERRED_FORMATS: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
+PREFERRED_PIXEL_FORMATS: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
 
 # GigE Vision's bootstrap registers, which every device has at the same place.
 VENDOR, MODEL, VERSION, SERIAL = (0x48, 32), (0x68, 32), (0x88, 32), (0xD8, 16)
 TICKS_PER_SECOND, TIME_CONTROL, LATCHED_TIME = 0x93C, 0x944, 0x948
 PRIVILEGE, PACKET_SIZE = 0xA00, 0xD04
-LATCH_COMMAND: Final = (2).to_bytes(4, "big")
+CLOCK_LATCH_COMMAND: Final = (2).to_bytes(4, "big")
 
 GenicamError: Any = viva_genicam.GenicamError
 
@@ -84,7 +84,7 @@ class GenicamClient:
             self._waits_for_trigger = settings.trigger == "software"
             if settings.exposure is not None:
                 self._camera.set_exposure_time(1e6 * settings.exposure)
-            chosen = self._choose_format(settings.pixel_format)
+            chosen = self._choose_pixel_format(settings.pixel_format)
             self._set_feature("Height", settings.rows)
         if self._waits_for_trigger:
             self._camera.enable_trigger(self._choose_trigger(), "Software")
@@ -242,9 +242,9 @@ class GenicamClient:
                     raise errors.LaserInUse(message) from error
             time.sleep(0.1)
 
-    def _choose_format(self, wanted: str | None) -> str:
+    def _choose_pixel_format(self, wanted: str | None) -> str:
         there = self._camera.available_enum_entries("PixelFormat")
-        candidates = PREFERRED_FORMATS if wanted is None else (wanted,)
+        candidates = PREFERRED_PIXEL_FORMATS if wanted is None else (wanted,)
         chosen = next((name for name in candidates if name in there), None)
         if chosen is None:
             raise errors.ProfileFormatRefused(
@@ -298,7 +298,7 @@ class GenicamClient:
         readings = set()
         for _ in range(LASER_CLOCK_READINGS):
             with suppress(GenicamError):
-                self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
+                self._camera.write_register(TIME_CONTROL, CLOCK_LATCH_COMMAND)
                 readings.add(self._camera.read_register(LATCHED_TIME, 8))
         return len(readings) > 1
 
@@ -315,7 +315,7 @@ class GenicamClient:
             self._camera.acquisition_start()
             return 0, HostInterval(0.0, 0.0)
         before = time.monotonic()
-        self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
+        self._camera.write_register(TIME_CONTROL, CLOCK_LATCH_COMMAND)
         after = time.monotonic()
         ticks = int.from_bytes(self._camera.read_register(LATCHED_TIME, 8))
         return ticks, HostInterval(before, after)

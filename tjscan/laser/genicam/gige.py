@@ -10,7 +10,7 @@ from typing import Final, Generic, Self, TypeVar
 
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import LaserFault, LaserNotResponding, ProfileFormatRefused, WrongLaser
-from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
+from tjscan.core.process import ClientProcess
 from tjscan.laser.genicam.messages import (
     ConnectedLaser,
     HostInterval,
@@ -23,12 +23,12 @@ from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, profile_of_row
 from tjscan.laser.scancontrol import (
-    MAX_RAW,
-    MODEL_SCALES,
+    MAX_RAW_VALUE,
     RAW_COORDINATE_OF_ZERO,
+    SCANCONTROL_SCALES,
     ScanControlScale,
     parse_scancontrol,
-    profile_bytes,
+    scancontrol_profile_size,
 )
 
 S = TypeVar("S", bound=GigeSettings)
@@ -37,7 +37,7 @@ T = TypeVar("T")
 ANSWER_SLACK: Final = 2.0
 """Seconds beyond its own time-outs that the client's process may take on a busy machine."""
 
-RELEASE_TIMEOUT: Final = 1.0
+LASER_RELEASE_TIMEOUT: Final = 1.0
 """Seconds that giving the laser back may take; after that its heartbeat does it."""
 
 RETRIGGERED_PROFILE_EVENT: Final = "profile taken again"
@@ -74,8 +74,10 @@ class GigeLaser(ABC, Generic[S]):
         ProfileFormatRefused
             If its numbers can't be turned into millimetres.
         """
-        table = self.settings
-        self._process, limit = ClientProcess("tjscan.laser.genicam.client"), table.connect_limit
+        self._process = ClientProcess(
+            "tjscan.laser.genicam.client", "the laser", LaserNotResponding, LaserNotResponding
+        )
+        table, limit = self.settings, self.settings.connect_limit
         try:
             self._laser = self._ask_client(ConnectedLaser, "connect", table, limit=limit)
             self._check_identity(self._laser.identity)
@@ -89,7 +91,7 @@ class GigeLaser(ABC, Generic[S]):
         """Give the laser back, and end the client's process whatever it is doing."""
         process, self._process = self._process, None
         if process is not None:
-            process.close(patience=RELEASE_TIMEOUT)
+            process.close(patience=LASER_RELEASE_TIMEOUT)
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -187,18 +189,7 @@ class GigeLaser(ABC, Generic[S]):
         LaserFault
             What the method raised.
         """
-        try:
-            answer = self._client.ask(name, *arguments, limit=limit)
-        except ClientClosed:
-            message = "the connection to the laser has ended. Connect again."
-            raise LaserNotResponding(message) from None
-        except ClientDied as died:
-            raise LaserNotResponding(f"the laser's client has ended.{died} Start again.") from None
-        except ClientSilent:
-            raise LaserNotResponding(
-                f"the laser did not answer within {limit:.2g} s ({name}). See that it is on and "
-                "its network cable sits, then start again."
-            ) from None
+        answer = self._client.ask(name, *arguments, limit=limit)
         if isinstance(answer.failure, LaserFault):
             raise answer.failure
         if not isinstance(answer.value, kind):
@@ -256,7 +247,7 @@ def scales_of_laser(laser: ConnectedLaser, settings: GenicamSettings) -> Scan3dS
         pairs = [_stated_scale_and_offset(axis, laser) for axis in (laser.x, laser.z)]
     axes, flips = [], (settings.flip_x, settings.flip_z)
     for (scale, offset), axis, flip in zip(pairs, (laser.x, laser.z), flips, strict=True):
-        limits = _raw_limits(axis) if settings.axis_limits else (-inf, inf)
+        limits = _raw_number_limits(axis) if settings.axis_limits else (-inf, inf)
         found = AxisScale(scale, offset, *limits)
         axes.append(found.flipped() if flip else found)
     invalid = laser.z.invalid if settings.invalid is None else settings.invalid
@@ -286,7 +277,7 @@ def _stated_scale_and_offset(axis: StatedAxis, laser: ConnectedLaser) -> tuple[f
     return METRES_PER_MM * axis.scale, METRES_PER_MM * axis.offset
 
 
-def _raw_limits(axis: StatedAxis) -> tuple[float, float]:
+def _raw_number_limits(axis: StatedAxis) -> tuple[float, float]:
     """Least and greatest raw number, where they bound anything."""
     if axis.low is None or axis.high is None or not axis.low < axis.high:
         return -inf, inf
@@ -354,17 +345,19 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
         table = self.settings
         if table.scale is not None and table.offset is not None:
             return ScanControlScale(table.scale, table.offset)
-        return MODEL_SCALES[str(table.model)]
+        return SCANCONTROL_SCALES[str(table.model)]
 
     def _describe_payload(self) -> tuple[int, str, list[float]]:
         table, scale = self.settings, self.scale
-        raw = (MAX_RAW - 1, 0) if table.flip_z else (1, MAX_RAW)  # 0 as sent is no point
+        raw = (
+            (MAX_RAW_VALUE - 1, 0) if table.flip_z else (1, MAX_RAW_VALUE)
+        )  # 0 as sent is no point
         sent = (
             f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a count "
             f"about x 0 and z {1e3 * scale.offset:g} mm, as the job states"
         )
         limits = [scale.scale * (end - RAW_COORDINATE_OF_ZERO) + scale.offset for end in raw]
-        return profile_bytes(table), sent, limits
+        return scancontrol_profile_size(table), sent, limits
 
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Nothing is asked: the job states how it is set up."""

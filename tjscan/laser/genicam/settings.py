@@ -17,7 +17,7 @@ from tjscan.core.units import (
     SECONDS,
     SettingsTable,
 )
-from tjscan.laser.scancontrol import MODEL_SCALES, Field
+from tjscan.laser.scancontrol import SCANCONTROL_SCALES, Field
 
 FeatureValue = str | int | float | bool
 Trigger = Literal["software", "fresh"]
@@ -155,9 +155,9 @@ class ScanControlSettings(GigeSettings):
         stated = self.scale is not None and self.offset is not None
         if (self.scale is None) != (self.offset is None) or stated == (self.model is not None):
             raise ValueError("needs either model, or scale_mm and offset_mm from its manual")
-        if self.model is not None and self.model not in MODEL_SCALES:
+        if self.model is not None and self.model not in SCANCONTROL_SCALES:
             raise ValueError(
-                f"model is one of {', '.join(MODEL_SCALES)}; of others state scale_mm and offset_mm"
+                f"model is one of {', '.join(SCANCONTROL_SCALES)}; else state scale_mm, offset_mm"
             )
         if not {"z", "x"} <= set(self.fields):
             raise ValueError("fields need z and x")

@@ -18,7 +18,7 @@ from tjscan.calibration.file import (
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.job.files import read_calibration_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportSheet
 from tjscan.result.directory import CALIBRATION_FILE, CALIBRATION_PICTURE, JOB_FILE
@@ -63,7 +63,7 @@ def calibration_page(directory: Path) -> ReportChapter:
             f"tjscan calibrate --resume {directory}",
             file=directory,
         )
-    check_as_written(directory / JOB_FILE, file)
+    check_files_unaltered(directory / JOB_FILE, file)
     found = read_calibration(file)
     frame = "f" if found.T_b_s_mm is None else "b"
     sheet = ReportSheet("Calibration", tuple(_pose_headline(found)), CALIBRATION_PICTURE, frame)

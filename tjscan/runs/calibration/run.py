@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 from tjscan.calibration.arm.calibrate import ArmGeometryDeviation, as_hand_eye_calibration
-from tjscan.calibration.arm.wizard import ArmWizard, BallPlan, plan_views
+from tjscan.calibration.arm.wizard import ArmWizard, PosturePlan, plan_postures
 from tjscan.calibration.closed_form import plane_through_point
 from tjscan.calibration.file import (
     BasisEntry,
@@ -41,7 +41,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, PoseUnreachable
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
 from tjscan.job.cell import Cell, SensorMount, kinematics_of_job, make_cell, sensor_mount_of_job
@@ -72,8 +72,8 @@ def _calibrate_on_ball(
     T_f_s = wizard.take_lines(*wizard.touch_board()).T_f_s
     task, kinematics, logbook = wizard.task, kinematics_of_job(job), wizard.logbook
     limits = ball.noise, ball.tolerance, ball.poses, ball.held_out, task.laser
-    plan = BallPlan(np.array(ball.position), ball.radius, T_f_s, task.window, *limits)
-    views, devices = plan_views(plan, kinematics), (wizard.arm, wizard.laser, wizard.operator)
+    plan = PosturePlan(np.array(ball.position), ball.radius, T_f_s, task.window, *limits)
+    views, devices = plan_postures(plan, kinematics), (wizard.arm, wizard.laser, wizard.operator)
     q = wizard.arm.state().q
     found, arcs = ArmWizard(plan, views, kinematics, *devices, logbook, q).run()
     result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
@@ -161,7 +161,7 @@ def start_calibration(
 
 def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     """Resume an interrupted calibration; raises as `start_calibration` does."""
-    check_as_written(directory / JOB_FILE)
+    check_files_unaltered(directory / JOB_FILE)
     job = read_calibration_job(directory / JOB_FILE)
     file, drivers = directory / CALIBRATION_FILE, {job.arm.driver_kind, job.laser.driver_kind}
     if file.exists():

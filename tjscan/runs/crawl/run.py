@@ -66,7 +66,7 @@ from tjscan.runs.run import (
     make_vehicle_run_directory,
     record_vehicle_run,
 )
-from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME
 
 SETTLING_MULTIPLE: Final = 4.0
 """Times 1 / gain, after which a tenth of what a reversal brings is left: (1 + 4) exp(-4)."""
@@ -344,7 +344,7 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     if not crawled or (slip := crawled[-1].slip) is None:
         return None
     last = crawled[-1]
-    way = abs(last.state.odometry.speed) * (DEAD_MAN if found.was_stopped else COASTING_TIME)
+    way = abs(last.state.odometry.speed) * (DEAD_MAN_TIME if found.was_stopped else COASTING_TIME)
     since = takewhile(lambda cycle: cycle.slip is slip, reversed(crawled))
     way += sum(abs(after.travel - cycle.travel) for after, cycle in pairwise(since))
     return slip.after_unseen_way(way, job.steering.least_radius)

@@ -49,7 +49,7 @@ SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 """Of the vehicle's clock, between two cycles that are handed to the page."""
 BUTTON_HOLD_LIFETIME: Final = 0.3
 """Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
-a second. It leaves the rest of a vehicle's `DEAD_MAN` to brake in."""
+a second. It leaves the rest of a vehicle's `DEAD_MAN_TIME` to brake in."""
 LEAST_DRIVE_ORDER_INTERVAL: Final = 0.01
 """Seconds between two orders at least: a simulated vehicle waits for nothing."""
 

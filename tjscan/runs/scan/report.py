@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.devices import DriverKind
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.reader import RecordingDamage
@@ -35,7 +35,7 @@ def scan_chapter(directory: Path) -> ReportChapter:
     if not (directory / RECORDING_FILE).is_file():
         return ReportChapter()
     damages: list[RecordingDamage] = []
-    check_as_written(*(directory / name for name in RUN_INPUT_FILES))
+    check_files_unaltered(*(directory / name for name in RUN_INPUT_FILES))
     job = read_scan_job(directory / JOB_FILE)
     log = read_recorded_scan(directory, damages.append)
     check_recording_complete(directory, read_summary(directory / SUMMARY_FILE), len(log.sections))

@@ -428,7 +428,7 @@ class ScanOutcome(trial.RunOutcome):
     motion_time_s: float | None = None
     corner_mean_mm: float | None = None
     corner_p95_mm: float | None = None
-    path: FlangePath = field(default=(), metadata=trial.HIDDEN_FIELD)
+    path: FlangePath = field(default=(), metadata=trial.HIDDEN_COLUMN_METADATA)
 
     def __post_init__(self) -> None:
         # JSON holds lists.

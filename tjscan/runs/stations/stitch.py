@@ -21,7 +21,7 @@ from tjscan.core.frames import (
     rotation_angle_between,
     transform_points,
 )
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.provenance import Provenance
 from tjscan.job.files import read_scan_job
 from tjscan.joint.definition import JointDefinition
@@ -264,7 +264,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.
-        check_as_written(job_file := run / run_files.JOB_FILE)
+        check_files_unaltered(job_file := run / run_files.JOB_FILE)
         names = read_scan_job(job_file).station_names if job_file.is_file() else ()
         folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
         if not folders:
@@ -276,7 +276,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / run_files.JOB_FILE
-    check_as_written(*(directory / name for name in RUN_INPUT_FILES))
+    check_files_unaltered(*(directory / name for name in RUN_INPUT_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         if len(job.station) != 1:

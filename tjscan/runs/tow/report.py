@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import REPLAY_EVENT
 from tjscan.result.chapter import (
@@ -62,7 +62,7 @@ def tow_chapter(directory: Path) -> ReportChapter:
     """Make a tow's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / f"{TOW_RECORDING}.mcap").is_file():
         return ReportChapter()
-    check_as_written(directory / JOB_FILE)
+    check_files_unaltered(directory / JOB_FILE)
     job, found = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory)
     figures = found.figures(job)
     if figures is None:

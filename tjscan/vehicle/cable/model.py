@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import isfinite, radians
-from typing import Annotated, Final
+from math import isfinite
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
-from tjscan.core.units import KG, MM, MM_S, MM_S2, SECONDS, FileUnit, SettingsTable
-
-NEWTON_UNIT: Final = FileUnit("n")
-DEG_S: Final = FileUnit("deg_s", radians(1.0))
+from tjscan.core.units import DEG_S, KG, MM, MM_S, MM_S2, NEWTON, SECONDS, SettingsTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +125,7 @@ class TowingVehicleSettings(TowingDriveModel):
     """
 
     body_radius: Annotated[float | None, Gt(0), Le(1e4), MM] = None
-    force: Annotated[float | None, Gt(0), Le(1e5), NEWTON_UNIT] = None
+    force: Annotated[float | None, Gt(0), Le(1e5), NEWTON] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,7 +21,7 @@ from tjscan.core.errors import VehicleLinkLost
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
 from tjscan.vehicle.mqtt.wire import REPORTED_DROP_COUNTS, BadMessage, PresenceMessage, WireMessage
 
-KEEP_ALIVE: Final = 2
+BROKER_KEEP_ALIVE: Final = 2
 """Seconds of silence after which a broker asks whether its client is there. It calls the last will
 three seconds after a client froze; long before that the vehicle has stopped by itself."""
 
@@ -111,7 +111,7 @@ class BrokerLink:
         self._client = self._make_client()
         self._client.connect_timeout = limit
         try:
-            self._client.connect(self.host, self.port, KEEP_ALIVE)
+            self._client.connect(self.host, self.port, BROKER_KEEP_ALIVE)
         except OSError as error:
             raise VehicleLinkLost(
                 f"there is no MQTT broker at {self.host}:{self.port} ({error}). Start one, for "
