@@ -57,8 +57,10 @@ def render_report_page(data: ReportData) -> str:
     provenance = Provenance.for_file_written_now(job_label_of_run(*folders), data.summary.frame)
     several = len(data.places) > 1
     scans = [(place.name, place.summary) for place in data.places if several]
+    events = [(place.name, event) for place in data.places for event in place.events]
+    method = "none" if comparison is None else comparison.alignment.method
     return load_template("report.html.jinja").render(
-        name=data.run_name,
+        name=data.directory.resolve().name,
         summary=data.summary,
         headline=list(findings.headline_numbers(data)),
         joint=_joint_in_words(data.joint),
@@ -73,13 +75,9 @@ def render_report_page(data: ReportData) -> str:
         by_the_clock=data.unwrapped_azimuths is not None,
         comparison=comparison,
         compared_with="" if comparison is None else findings.name_of_reference(comparison),
-        aligned_by=ALIGNMENT_METHOD_TEXTS[
-            "none" if comparison is None else comparison.alignment.method
-        ],
+        aligned_by=ALIGNMENT_METHOD_TEXTS[method],
         scans=[*scans, ("all" if several else "scan", data.summary)],
-        events=[(place.name, event) for place in data.places for event in place.events][
-            :MOST_LISTED_EVENTS
-        ],
+        events=events[:MOST_LISTED_EVENTS],
         stitching=stitching,
         measures=_measure_rows(data),
         provenance=provenance.header_entries,
