@@ -18,7 +18,7 @@ from numpy.random import Generator
 
 from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.core.frames import Array
-from tjscan.job.tow.cell import TowCell, make_planner, make_tow_cell, sweep_seam
+from tjscan.job.tow.cell import TowCell, check_seam, make_shape_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.run import make_tow
@@ -116,8 +116,8 @@ def tow_disturbed(
     job: TowJob, disturb: Callable[[TowingWorld, SimulatedLocalisation], None]
 ) -> DisturbedTow:
     """Tow in a world that is disturbed."""
-    planner = make_planner(job)
-    sweep = sweep_seam(job, planner)
+    planner = make_shape_planner(job)
+    sweep = check_seam(job, planner)
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     world, seen = cell.world, cell.localisation

@@ -156,7 +156,7 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
     if "seam" not in read_toml(file):
         return None
     from tjscan.core.config import add_file_to_errors
-    from tjscan.job.tow.cell import make_planner, sweep_seam
+    from tjscan.job.tow.cell import check_seam, make_shape_planner
     from tjscan.job.tow.job import read_tow_job
     from tjscan.job.tow.simulation import towing_world_of_job
     from tjscan.vehicle.cable.world import TowingWorld
@@ -164,7 +164,7 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
 
     job = read_tow_job(file)
     with add_file_to_errors(file):
-        sweep = sweep_seam(job, make_planner(job))
+        sweep = check_seam(job, make_shape_planner(job))
         sweep.refuse_if_blocked()
     world = TowingWorld(towing_world_of_job(job), sweep.start.angles, seed=seed)
     return TowingBodies(world, job.simulation.localisation, seed)

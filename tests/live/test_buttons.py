@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from tjscan.live.buttons import Button
-from tjscan.live.page import Page, PageAddress
+from tjscan.live.page import Button, Page, PageAddress
 from tjscan.live.step import SceneSetup
 
 

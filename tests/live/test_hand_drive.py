@@ -15,8 +15,7 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.live.buttons import HELD_BUTTON_RATE, Button
-from tjscan.live.page import Page, PageAddress
+from tjscan.live.page import HELD_BUTTON_RATE, Button, Page, PageAddress
 from tjscan.live.step import SceneSetup
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.runs.live.crawl import BUTTON_HOLD_LIFETIME, LEAST_DRIVE_ORDER_INTERVAL, PageHandDrive

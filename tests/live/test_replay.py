@@ -10,8 +10,7 @@ from command import tjscan
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.live.drawables import MeasuredPiece
-from tjscan.live.page import PageAddress
-from tjscan.live.replay import Replay
+from tjscan.live.page import PageAddress, Replay
 from tjscan.live.step import RecordedShow
 from tjscan.runs.tasks import read_recorded_show
 

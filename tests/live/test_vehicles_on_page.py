@@ -20,11 +20,9 @@ from tjscan.job.tow.cell import TowCell
 from tjscan.job.tow.job import read_tow_job
 from tjscan.laser.profile import Profile
 from tjscan.live.access import LOOPBACK_ADDRESS
-from tjscan.live.buttons import stop_button
 from tjscan.live.drawables import BodyPose, Lines, MeasuredPiece
 from tjscan.live.listening import RunOnPage
-from tjscan.live.page import Page, PageAddress
-from tjscan.live.replay import Replay
+from tjscan.live.page import Page, PageAddress, Replay, stop_button
 from tjscan.live.step import STATE_FACT, RecordedShow, SceneSetup
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.crawl import TORCH_DEVIATION_MEASURE, CrawlPageJournal, CrawlShow

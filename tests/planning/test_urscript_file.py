@@ -10,7 +10,7 @@ from ringed_grooves import edges_of
 from ur_cell import HOME, KINEMATICS
 
 from tjscan.core.frames import Array, inverse_pose, pose
-from tjscan.planning.bead import PlannedBead
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.urscript import BeadPath, StationPath, path_to_urscript
 from tjscan.planning.wps import read_wps

@@ -13,7 +13,6 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.export import build_sections_document
-from tjscan.result.ply import sections_to_ply
 from tjscan.result.section import (
     FIELD_BY_NAME,
     SECTION_FIELDS,
@@ -21,7 +20,7 @@ from tjscan.result.section import (
     SectionQuantity,
     section_from_values,
 )
-from tjscan.result.table import sections_to_csv
+from tjscan.result.table import sections_to_csv, sections_to_ply
 
 SECTIONS = tuple(a_section(seed) for seed in range(1, 6))
 SUFFIX = {

@@ -33,7 +33,7 @@ def stop_request_on_ctrl_c() -> Iterator[StopRequest]:
         times += 1
         pressed.put(True)
 
-    listener = Thread(target=_act_on_presses, args=(request, pressed), daemon=True)
+    listener = Thread(target=_stop_scan_on_presses, args=(request, pressed), daemon=True)
     listener.start()
     try:
         with handle_ctrl_c(handle):
@@ -43,7 +43,7 @@ def stop_request_on_ctrl_c() -> Iterator[StopRequest]:
         listener.join()
 
 
-def _act_on_presses(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
+def _stop_scan_on_presses(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
     if not pressed.get():
         return
     request.request_stop_after_section()

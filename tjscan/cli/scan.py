@@ -79,7 +79,7 @@ def scan(
     # A job with a mistake in it is refused before anything heavy is loaded.
 
     with show_phase("loading arm and laser"):
-        from tjscan.cli.scan_run import ScanRequest, check_job_only, run_scan_request
+        from tjscan.cli.output.scan import ScanRequest, check_job_only, run_scan_request
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
@@ -197,7 +197,7 @@ def laser(
     from contextlib import ExitStack
     from itertools import islice
 
-    from tjscan.cli.output.laser import print_laser_description, show_live_readings
+    from tjscan.cli.output.results import print_laser_description, show_live_readings
     from tjscan.runs.laser import open_laser_of_job, open_profile_file, read_live_profiles
 
     with ExitStack() as stack:

@@ -53,11 +53,11 @@ def run(
     page = page or LiveOptions()
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.output.tow import print_sweep, print_tow_key_figures, watch_tow
+    from tjscan.cli.output.tow import print_seam_feasibility, print_tow_key_figures, watch_tow
     from tjscan.runs.tow.run import resume_tow, run_tow
 
     if dry_run:
-        print_sweep(parsed, file, json=json)
+        print_seam_feasibility(parsed, file, json=json)
         return
     directory = file.parent if resume else out or default_run_directory(file)
     with watch_tow(parsed, file, page) as context:

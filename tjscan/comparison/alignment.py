@@ -218,7 +218,7 @@ RAY_START_OFFSET: Final = 1e-4
 MOST_DIAMETER_DIFFERENCE: Final = 5e-3
 """Metres by which diameters may differ before two joints are two joints."""
 
-CLEAR_RESIDUAL_RATIO: Final = 0.8
+CLEAR_TURN_RESIDUAL_RATIO: Final = 0.8
 """Ratio of residuals below which one of two turns is the right one."""
 
 TURN_DECISION_POINTS: Final = 20_000
@@ -260,7 +260,7 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
     medians = [float(np.median(distances)) for distances in off]
     less = int(np.argmin([rotation_angle_between(np.eye(4), T) for T in turns]))
     best = int(np.argmin(medians))
-    clear = medians[best] < CLEAR_RESIDUAL_RATIO * medians[1 - best]
+    clear = medians[best] < CLEAR_TURN_RESIDUAL_RATIO * medians[1 - best]
     chosen = best if clear else less
     near = off[chosen] < MOST_PARTNER_DISTANCE
     _check_enough_points_near(

@@ -44,13 +44,9 @@ class DistanceStatistics:
         """Statistics of raw distances in metres, any shape; NaN is none."""
         mm = 1e3 * distances[~np.isnan(distances)]
         size = np.abs(mm)
-        return cls(
-            mean=float(mm.mean()),
-            p95=float(np.percentile(size, 95)),
-            max=float(size.max()),
-            rms=float(np.sqrt(np.mean(mm * mm))),
-            median=float(np.median(mm)),
-        )
+        rms = np.sqrt(np.mean(mm * mm))
+        found = mm.mean(), np.percentile(size, 95), size.max(), rms, np.median(mm)
+        return cls(*map(float, found))
 
 
 @array_dataclass

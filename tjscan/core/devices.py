@@ -113,15 +113,12 @@ class NoSettings(SettingsTable):
 class DriverFactory(Generic[C, D]):
     """How a driver makes its device from the settings in a job file.
 
-    A driver is a module with one of these: a `tjscan.robot.drivers.ArmDriverFactory`, registered
-    by name in `ARM_DRIVERS` there, or a `tjscan.laser.drivers.LaserDriverFactory`, in
-    `LASER_DRIVERS`. A package of its own registers it by an entry point::
-
-        [project.entry-points."tjscan.laser"]
-        acme = "acme_tjscan:DRIVER"
-
-    Then a job may have ``laser.driver = "acme"``, and its table ``[laser.acme]`` is checked against
-    `table`. Import what is heavy inside `make`: tables are checked without it.
+    A driver is a module with one of these, registered by name in the table of its kind: an
+    `ArmDriverFactory` in `ARM_DRIVERS`, a `LaserDriverFactory` in `LASER_DRIVERS`. A package of its
+    own registers it by an entry point of the group that is named after the kind; see
+    docs/own-devices.md. Then a job may have ``laser.driver = "acme"``, and its table
+    ``[laser.acme]`` is checked against `table`. Import what is heavy inside `make`: tables are
+    checked without it.
 
     Parameters
     ----------

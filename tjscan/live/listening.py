@@ -9,8 +9,7 @@ from threading import Event, Thread
 from typing import Any, Final
 
 from tjscan.core.errors import PageUnavailable
-from tjscan.live.buttons import Button
-from tjscan.live.page import Page, PageAddress
+from tjscan.live.page import Button, Page, PageAddress
 from tjscan.live.step import STATE_FACT, Show, Step, merge_steps
 
 Report = Callable[[str], object]
@@ -18,7 +17,7 @@ Report = Callable[[str], object]
 
 FEED_CAPACITY: Final = 512
 """Entries that wait for the page; what comes while it is full is not shown."""
-DRAW_INTERVAL: Final = 0.05
+PAGE_DRAW_INTERVAL: Final = 0.05
 """Seconds between two looks: the page changes 20 times a second at most."""
 CLOSING_TIMEOUT: Final = 2.0
 """Seconds that the end of a run leaves the page to show what is waiting."""
@@ -61,7 +60,7 @@ class LiveFeed:
 
     def _show_entries(self) -> None:
         while True:
-            over = self._over.wait(DRAW_INTERVAL)
+            over = self._over.wait(PAGE_DRAW_INTERVAL)
             entries = [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
             try:
                 if entries:

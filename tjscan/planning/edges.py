@@ -25,7 +25,7 @@ LEAST_CORNER_SIGMA: Final = 1e-6
 AREA_MATCHING_ROUNDS: Final = 8
 """Rounds in which the line between the toes of a weld is moved to where the area agrees."""
 
-CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
+EDGE_CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
 
 RootKind = Literal["closed", "open", "welded"]
 """Closed by a bead or by the faces themselves, open, or under passes that are welded."""
@@ -126,11 +126,11 @@ class GrooveEdges:
 
     def corners(self, s: Array) -> Array:
         """p3, p4, g and p2 at lengths (m,), shape (m, 4, 3), metres."""
-        return self._together.values(s).reshape(-1, len(CORNER_NAMES), 3)
+        return self._together.values(s).reshape(-1, len(EDGE_CORNER_NAMES), 3)
 
     def derivatives(self, s: Array) -> Array:
         """Their derivatives by s, shape (m, 4, 3)."""
-        return self._together.derivatives(s).reshape(-1, len(CORNER_NAMES), 3)
+        return self._together.derivatives(s).reshape(-1, len(EDGE_CORNER_NAMES), 3)
 
     def root_opening(self, s: Array) -> Array:
         """Distance of p3 and p4, times the openness of the root, shape (m,), metres."""

@@ -177,13 +177,8 @@ class RecordingWriter:
     def write_timed(self, messages: Iterable[tuple[int, Topic[Any], Any]]) -> None:
         """Write messages of several times in one chunk; each with its time, as `write` has it."""
         for at, topic, message in messages:
-            self._writer.add_message(
-                self._channels[topic.name],
-                log_time=at,
-                publish_time=at,
-                sequence=self._count,
-                data=topic.encode(message),
-            )
+            channel, data = self._channels[topic.name], topic.encode(message)
+            self._writer.add_message(channel, at, data, publish_time=at, sequence=self._count)
             self._count += 1
         try:
             self._writer.flush()

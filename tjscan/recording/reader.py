@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import BytesIO
-from itertools import takewhile
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 from zlib import crc32
@@ -28,12 +28,12 @@ from tjscan.recording.header import FORMAT_VERSION, PROGRAM_NAME, JobSnapshot, R
 from tjscan.recording.parts import SCAN_RECORDING_KIND, neighbouring_parts, recording_files
 from tjscan.recording.topic import Topic
 
-_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode, and length of what follows
-_CHUNK_HEAD: Final = struct.Struct("<QQQIIQ")  # times, size, CRC, length of compression, size
-_END_OF_FILE: Final = _RECORD_HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
+_RECORD_LAYOUT: Final = struct.Struct("<BQ")  # opcode, and length of what follows
+_CHUNK_LAYOUT: Final = struct.Struct("<QQQIIQ")  # times, size, CRC, length of compression, size
+_FILE_FOOTER_BYTES: Final = _RECORD_LAYOUT.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
 _DATA_END_LENGTH: Final = 4
 
-_CHUNK_START: Final = re.compile(
+_CHUNK_START_PATTERN: Final = re.compile(
     rb"\x06(?=.{3}\x00{5}.{16}.{3}\x00{5}.{4}\x00{4}.{3}\x00{5})", re.DOTALL
 )
 """An uncompressed chunk of less than 16 MB."""
@@ -44,7 +44,7 @@ MAX_FILE_BYTES: Final = 2_000_000_000
 MAX_RECORD_BYTES: Final = 16_000_000
 """Bytes of the largest record that is read; a profile of 640 points takes some 20 000."""
 
-_BLOCK_BYTES: Final = 1 << 20
+_SEARCH_BLOCK_BYTES: Final = 1 << 20
 
 _RECORD_KINDS_READ: Final = frozenset(
     (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
@@ -111,7 +111,7 @@ def read_mcap_records(
         if records is None:
             return
         yield from records
-        place += _RECORD_HEAD.size + length
+        place += _RECORD_LAYOUT.size + length
 
 
 def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[McapRecord] | None]:
@@ -125,17 +125,17 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
         If it is damaged.
     """
     stream.seek(place)
-    head = stream.read(_RECORD_HEAD.size)
-    if len(head) < _RECORD_HEAD.size:
+    head = stream.read(_RECORD_LAYOUT.size)
+    if len(head) < _RECORD_LAYOUT.size:
         raise _CutOffError
-    opcode, length = _RECORD_HEAD.unpack(head)
+    opcode, length = _RECORD_LAYOUT.unpack(head)
     if opcode == 0 and _is_rest_zeros(head, stream):
         raise _CutOffError  # what a machine that lost its power leaves behind the last whole record
     if opcode == Opcode.DATA_END and length == _DATA_END_LENGTH:
         return length, None
     if opcode not in _RECORD_KINDS_READ | _RECORD_KINDS_SKIPPED:
         raise ValueError(f"its kind is {opcode}, which does not belong there")
-    if length > size - place - _RECORD_HEAD.size:
+    if length > size - place - _RECORD_LAYOUT.size:
         _check_cut_chunk(opcode, length, stream)
         raise _CutOffError
     if opcode in _RECORD_KINDS_SKIPPED:
@@ -147,18 +147,18 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
 
 def _check_cut_chunk(opcode: int, length: int, stream: BinaryIO) -> None:
     """Refuse the beginning of a chunk that states two lengths."""
-    head = stream.read(_CHUNK_HEAD.size)
-    if opcode != Opcode.CHUNK or len(head) < _CHUNK_HEAD.size:
+    head = stream.read(_CHUNK_LAYOUT.size)
+    if opcode != Opcode.CHUNK or len(head) < _CHUNK_LAYOUT.size:
         return
-    *_, size, _, compressed, stored = _CHUNK_HEAD.unpack(head)
-    if compressed or not size == stored == length - _CHUNK_HEAD.size:
+    *_, size, _, compressed, stored = _CHUNK_LAYOUT.unpack(head)
+    if compressed or not size == stored == length - _CHUNK_LAYOUT.size:
         raise ValueError("it states lengths that contradict each other")
 
 
 def _parse_record(record: bytes) -> list[McapRecord]:
     """The record, or the records in it if it is a chunk; a footer behind it ends the reading."""
     found: list[McapRecord] = []
-    stream = BytesIO(record + _END_OF_FILE)
+    stream = BytesIO(record + _FILE_FOOTER_BYTES)
     for one in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
         if isinstance(one, Chunk):
             found += _records_of_chunk(one)
@@ -184,13 +184,13 @@ def _find_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
     """Place of the next whole chunk; None if there is none."""
     while place < size:
         stream.seek(place)
-        block = stream.read(_BLOCK_BYTES + _RECORD_HEAD.size + _CHUNK_HEAD.size)
-        for match in _CHUNK_START.finditer(block):
+        block = stream.read(_SEARCH_BLOCK_BYTES + _RECORD_LAYOUT.size + _CHUNK_LAYOUT.size)
+        for match in _CHUNK_START_PATTERN.finditer(block):
             start = place + match.start()
             with suppress(*_RECORD_ERRORS):
                 _read_record(stream, start, size)
                 return start
-        place += _BLOCK_BYTES
+        place += _SEARCH_BLOCK_BYTES
     return None
 
 
@@ -395,12 +395,9 @@ def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING_KIND) -> JobSn
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    found = [
-        record
-        for file in recording_files(directory, kind)
-        for record in _records_before_messages(file)
-        if isinstance(record, JobSnapshot)
-    ]
+    heads = map(_records_before_messages, recording_files(directory, kind))
+    records = chain.from_iterable(heads)
+    found = [record for record in records if isinstance(record, JobSnapshot)]
     return found[-1] if found else None
 
 

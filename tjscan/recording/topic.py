@@ -34,7 +34,7 @@ from tjscan.laser.profile import Profile
 LARGEST_NUMBER: Final = 1e9
 """Metres, radians or seconds: what is larger was not measured."""
 
-LARGEST_INTEGER: Final = 1_000_000
+LARGEST_RECORDED_COUNT: Final = 1_000_000
 """Of sections, passes, places or iterations: counts and numbers begin at 0."""
 
 ORTHONORMALITY_TOLERANCE: Final = 1e-6
@@ -174,7 +174,7 @@ def _to_float(value: Any) -> float:
 
 
 def _checked_count(value: Any) -> int:
-    if type(value) is not int or not 0 <= value <= LARGEST_INTEGER:
+    if type(value) is not int or not 0 <= value <= LARGEST_RECORDED_COUNT:
         raise ValueError(f"{value!r} is no number of a section, a pass or anything else counted")
     return value
 
@@ -283,11 +283,5 @@ def _protobuf_topic(name: str, kind: type[Message]) -> Topic[Any]:
             raise ValueError(f"no {kind.DESCRIPTOR.full_name}: {error}") from error
 
     definition = build_file_descriptor_set(kind).SerializeToString()
-    return Topic(
-        name,
-        kind.DESCRIPTOR.full_name,
-        "protobuf",
-        definition,
-        methodcaller("SerializeToString"),
-        decode,
-    )
+    encode = methodcaller("SerializeToString")
+    return Topic(name, kind.DESCRIPTOR.full_name, "protobuf", definition, encode, decode)

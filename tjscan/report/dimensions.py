@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan, pi
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -274,14 +274,6 @@ def _intersect_line_with_plane(line: ClosedPolyline, T_g_j: Array, near: Array) 
     return np.asarray(cuts[apart.argmin()]) if apart.min() < CORNER_SEARCH_DISTANCE else None
 
 
-class FitUpCell(NamedTuple):
-    """A cell: its text, what was drawn there, and its verdict as of `Dimension`."""
-
-    text: str
-    under: str = ""
-    verdict: str = ""
-
-
 def fit_up_table(data: ReportData) -> dict[str, Any]:
     """Make the head and rows of the table of the sections nearest to the full hours.
 
@@ -301,8 +293,7 @@ def fit_up_table(data: ReportData) -> dict[str, Any]:
     rows = []
     for k, section, dimensions in zip(chosen, sections, every, strict=True):
         where = f"{lengths[k]:.0f} mm" if azimuths is None else clock_text(azimuths[k])
-        cells = [FitUpCell(one.text, one.designed_text, one.verdict) for one in dimensions]
-        rows.append([FitUpCell(where), FitUpCell(data.section_number(section)), *cells])
+        rows.append(((where, data.section_number(section)), dimensions))
     has_tolerances = any(one.verdict for row in every for one in row)
     head = ["at", "section", *head]
     return {"head": head, "rows": rows, "sigmas": COVERAGE_SIGMAS, "has_tolerances": has_tolerances}

@@ -42,12 +42,11 @@ def report_findings(data: ReportData) -> Iterator[str]:
         yield f"The scan is not complete: {summary.detail}."
     if data.stitching is not None:
         yield from _stitching_findings(data.stitching)
-        missing = {one.name for one in data.stitching.stations} - {
-            place.name for place in data.places
-        }
+        there = {place.name for place in data.places}
+        missing = sorted({one.name for one in data.stitching.stations} - there)
         if missing:
             yield (
-                f"The recordings of {', '.join(sorted(missing))} are not there any more: their "
+                f"The recordings of {', '.join(missing)} are not there any more: their "
                 "profiles, events and calibration are not in this report."
             )
     yield from data.caveats

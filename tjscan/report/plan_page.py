@@ -72,13 +72,8 @@ def draw_welding_positions(courses: Sequence[document.BeadCourse]) -> picture.Re
     seen: set[str] = set()
     for bead in courses:
         for name, start, end in _stretches_of_welding_position(bead):
-            axes.barh(
-                bead.number,
-                end - start,
-                left=start,
-                height=0.8,
-                color=WELDING_POSITION_COLOURS[name],
-            )
+            colour = WELDING_POSITION_COLOURS[name]
+            axes.barh(bead.number, end - start, left=start, height=0.8, color=colour)
             seen.add(name)
     for name in sorted(seen):
         axes.barh(np.nan, 0, color=WELDING_POSITION_COLOURS[name], label=name)

@@ -21,7 +21,7 @@ NEIGHBOUR_DISTANCE: Final = 60e-3
 FEWEST_NEIGHBOURS: Final = 5
 """Fewest sections that count, itself included, if there are as many."""
 
-POLYNOMIAL_DEGREE: Final = 3
+TANGENT_POLYNOMIAL_DEGREE: Final = 3
 """Of the polynomial through them: a tube's edge bends, and bends differently along its way."""
 
 NEIGHBOUR_WEIGHT_SIGMA: Final = 0.4
@@ -115,7 +115,7 @@ def _local_slope(s: Array, points: Array, i: int) -> Array:
     near = away <= reach
     u = (s[near] - s[i]) / reach
     weights = np.exp(-0.5 * (u / NEIGHBOUR_WEIGHT_SIGMA) ** 2)[:, None]
-    degree = min(POLYNOMIAL_DEGREE, len(np.unique(u)) - 1)
+    degree = min(TANGENT_POLYNOMIAL_DEGREE, len(np.unique(u)) - 1)
     powers = u[:, None] ** np.arange(degree + 1)
     coefficients, *_ = np.linalg.lstsq(weights * powers, weights * points[near])
     return np.asarray(coefficients[1])

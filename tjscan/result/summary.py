@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Self
@@ -479,16 +480,11 @@ class BudgetFile:
 
 def write_budget(file: Path, budget: UncertaintyBudget, provenance: Provenance) -> None:
     """Write ``uncertainty.json``: the whole of a budget, so that correlations can be computed."""
-    components = [
-        ComponentInFile(
-            one.name,
-            one.evidence,
-            one.is_shared,
-            _rounded_lists(one.points / MM.factor),
-            _rounded_lists(one.measures / _MEASURE_UNITS[:, None]),
-        )
-        for one in budget.components
-    ]
+    components = []
+    for one in budget.components:
+        values = one.points / MM.factor, one.measures / _MEASURE_UNITS[:, None]
+        lists = map(_rounded_lists, values)
+        components.append(ComponentInFile(one.name, one.evidence, one.is_shared, *lists))
     file.write_bytes(to_json(BudgetFile(provenance, COVERAGE_FACTOR, components)) + b"\n")
 
 
@@ -517,19 +513,13 @@ def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
     if not file.is_file():
         return None
     found = read_unaltered_json(BudgetFile, file, MOST_BUDGET_BYTES, "budget of uncertainty")
-    try:
-        parts = tuple(
-            BudgetComponent(
-                one.name,
-                one.evidence,
-                one.shared,
-                np.reshape(one.points_mm, (count, 5, 3, -1)) * MM.factor,
-                np.reshape(one.measures, (count, 4, -1)) * _MEASURE_UNITS[:, None],
-            )
-            for one in found.components
-        )
-    except ValueError:
-        parts = ()
-    if not parts or any(one.points.shape[-1] != one.measures.shape[-1] for one in parts):
+    parts = []
+    with suppress(ValueError):
+        for one in found.components:
+            points = np.reshape(one.points_mm, (count, 5, 3, -1)) * MM.factor
+            measures = np.reshape(one.measures, (count, 4, -1)) * _MEASURE_UNITS[:, None]
+            parts.append(BudgetComponent(one.name, one.evidence, one.shared, points, measures))
+    alike = (one.points.shape[-1] == one.measures.shape[-1] for one in parts)
+    if not parts or len(parts) < len(found.components) or not all(alike):
         raise ConfigurationError(f"is not of the {count} sections beside it", file=file)
-    return UncertaintyBudget(parts)
+    return UncertaintyBudget(tuple(parts))

@@ -167,7 +167,7 @@ class ChainOutcome:
         return float(np.mean(self.corner_errors))
 
     @property
-    def own_frame_error_mean(self) -> float:
+    def mean_own_frame_error(self) -> float:
         """Mean distance of the corners from the edges in the frame of the tubes, metres."""
         return float(np.mean(self.in_own_frame))
 
@@ -223,14 +223,9 @@ def run_chain(chain: JobChain, directory: Path, *, arm: bool) -> ChainOutcome:
     found, held_out = saved.calibration, None
     if (kinematics := found.kinematics) is not None:
         held_out = 1e-3 * kinematics.held_out_before_mm, 1e-3 * kinematics.held_out_after_mm
-    return ChainOutcome(
-        stitched,
-        _corner_errors(stitched, np.eye(4), joint),
-        _corner_errors(stitched, aligned.T, joint),
-        boxminus(found.T_f_s, pose_from_rows_mm(truth)),
-        found.covariance_si,
-        held_out,
-    )
+    own, corners = (_corner_errors(stitched, T, joint) for T in (np.eye(4), aligned.T))
+    mount_error = boxminus(found.T_f_s, pose_from_rows_mm(truth))
+    return ChainOutcome(stitched, own, corners, mount_error, found.covariance_si, held_out)
 
 
 def _scan_from_station(context: ScanContext) -> Station:

@@ -46,7 +46,7 @@ from tjscan.result.directory import (
     job_name_and_hash,
 )
 
-COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
+RUN_INPUT_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 """What a run directory is made with."""
 
 MOST_RESULT_BYTES: Final = 50_000_000
@@ -310,7 +310,7 @@ def make_empty_run_directory(directory: Path) -> Iterator[Path]:
     ):
         names = {file.name for file in directory.iterdir()} - {draft.name}
         files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
-        half_made = files < names and files <= {*COPIED_FILES, MANIFEST_FILE} - {JOB_FILE}
+        half_made = files < names and files <= {*RUN_INPUT_FILES, MANIFEST_FILE} - {JOB_FILE}
         if files and not half_made:  # of one killed in the making
             full = "is not empty; a run never overwrites another. Choose another --out"
             raise ConfigurationError(full, file=directory)
@@ -319,7 +319,7 @@ def make_empty_run_directory(directory: Path) -> Iterator[Path]:
 
 def accept_edited_copies(directory: Path, journal: Journal) -> None:
     """Take what a run directory is made with as it now is, and report what was edited in it."""
-    edited = files_altered_since_written(*(directory / name for name in COPIED_FILES))
+    edited = files_altered_since_written(*(directory / name for name in RUN_INPUT_FILES))
     if edited:
         with write_files_atomically(directory) as draft:
             for file in edited:
@@ -399,7 +399,7 @@ def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
 def nothing_recorded_yet(directory: Path) -> bool:
     """Whether a run directory was made and nothing was recorded in it yet."""
     return all(
-        file.name in (*COPIED_FILES, MANIFEST_FILE) or file.name.startswith(DRAFT_PREFIX)
+        file.name in (*RUN_INPUT_FILES, MANIFEST_FILE) or file.name.startswith(DRAFT_PREFIX)
         for file in directory.iterdir()
     )
 

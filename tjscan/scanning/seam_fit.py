@@ -248,7 +248,7 @@ class LocalTubeFit:
             flat = white.reshape(*thetas.shape[:-1], -1)
             return np.concatenate((flat, _prior_residuals(walls, thetas)), axis=-1)
 
-        self.theta, jacobian = _minimise(residuals, _initial_parameters())
+        self.theta, jacobian = _fit_from_starts(residuals, _initial_parameters())
         spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
         # Ten of the prior's and the sections' residuals are spent on the parameters.
         reduced_chi2 = float(np.sum(residuals(self.theta) ** 2)) / (6 * len(track.along) + 1)
@@ -397,7 +397,7 @@ def _prior_residuals(walls: LocalWalls, thetas: Array) -> Array:
     return np.concatenate((thetas * _PRIOR_MASK, np.stack(shape, axis=-1)), axis=-1)
 
 
-def _minimise(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, Array]:
+def _fit_from_starts(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, Array]:
     """Levenberg–Marquardt from several starts side by side, soon from the best one alone.
 
     Returns

@@ -103,7 +103,7 @@ SECTION_STEPS_AHEAD_BOUNDS: Final = (0.3, 2.0)
 MOST_SECTION_STEPS_ASIDE: Final = 1.0
 """Steps that it is aside of the end of the step, at most."""
 
-ASIDE_ALLOWANCE: Final = 3e-3
+SIDE_ALLOWANCE: Final = 3e-3
 """Metres aside that need no bend of the groove: errors of reading, of the arm, of teaching."""
 
 LEAST_UPRIGHT_COSINE: Final = 0.25
@@ -278,7 +278,7 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
     aside = float(np.linalg.norm(gone - ahead * direction_b))
     # A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that.
     bend = length * length / TIGHTEST_GROOVE_BEND_RADIUS
-    most_aside = min(ASIDE_ALLOWANCE + bend, MOST_SECTION_STEPS_ASIDE * length + ASIDE_ALLOWANCE)
+    most_aside = min(SIDE_ALLOWANCE + bend, MOST_SECTION_STEPS_ASIDE * length + SIDE_ALLOWANCE)
     if not (
         SECTION_STEPS_AHEAD_BOUNDS[0] * length < ahead < SECTION_STEPS_AHEAD_BOUNDS[1] * length
         and aside < most_aside

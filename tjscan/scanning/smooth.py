@@ -12,17 +12,10 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import SetPointRefused, TubesNotFound
 from tjscan.core.frames import Array, cross, inverse_pose, pose, unit_vector
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
-from tjscan.scanning import seam_fit
+from tjscan.scanning import seam_fit, target
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import Sections, SetPoint, SetPointPredictor, StepRequest
 from tjscan.scanning.sections_before import check_set_point
-from tjscan.scanning.target import (
-    PREDICTION_CASES,
-    SMOOTH_PREDICTION,
-    ScanDirection,
-    correction_target_pose,
-    paper_predictor,
-)
 
 _DIFFERENCE_STEP: Final = 1e-6
 
@@ -107,7 +100,7 @@ class ExpectedSection:
         T_b_g = np.eye(4)
         T_b_g[:3, 1], T_b_g[:3, 3] = -wall, section[:3]
         gamma_2 = float(np.arcsin(np.clip(wall @ leg, -1.0, 1.0)))
-        return correction_target_pose(self._T_b_g, T_b_g), 0.5 * self._shape[2] - gamma_2
+        return target.correction_target_pose(self._T_b_g, T_b_g), 0.5 * self._shape[2] - gamma_2
 
     def covariance(self, section: Array, R_b_s: Array) -> Array:
         """Covariance of the ideal frame t (in its own axes) and work angle, shape (7, 7).
@@ -174,16 +167,16 @@ MOST_SOLVER_ROUNDS: Final = 30
 CONVERGED_VIEW_STEP: Final = 1e-7
 """Metres and radians: a smaller step ends the search for the section."""
 
-SAFETY_SIGMAS: Final = 3.0
+MARGIN_SIGMAS: Final = 3.0
 """Standard deviations that are kept from the tolerances of a view: a view planned at
 their edge often needs a correction."""
 
 
 def predictor_for_plan(plan: ScanPlan) -> SetPointPredictor:
     """Predictor of set-points that a plan names."""
-    if plan.prediction == SMOOTH_PREDICTION:
+    if plan.prediction == target.SMOOTH_PREDICTION:
         return tube_fit_predictor(plan)
-    return paper_predictor(PREDICTION_CASES[plan.prediction], plan.direction)
+    return target.paper_predictor(target.PREDICTION_CASES[plan.prediction], plan.direction)
 
 
 def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
@@ -200,7 +193,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     If no such section is found, and if none can be (two sections, one of them misread),
     the prediction is the one of the paper's case 3, which states no covariance.
     """
-    otherwise = paper_predictor(PREDICTION_CASES[3], plan.direction)
+    otherwise = target.paper_predictor(target.PREDICTION_CASES[3], plan.direction)
 
     def predictor(sections: Sections, step: float) -> SetPoint:
         track, last = seam_fit.RecentSections(sections), sections[-1]
@@ -281,12 +274,12 @@ def _rotation_tolerance_left(
     criterion = plan.correction_criterion
     if criterion is None:
         return 0.0, 0.0
-    turns = -1.0 if plan.direction is ScanDirection.COUNTERCLOCKWISE else 1.0
+    turns = -1.0 if plan.direction is target.ScanDirection.COUNTERCLOCKWISE else 1.0
     about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
     aside = max(covariance[4, 4], covariance[5, 5])
     origin, opening = track.shape_sigmas[-1, [0, 2]]
-    work_angle = criterion.work_angle - SAFETY_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
-    rotation = criterion.rotation - SAFETY_SIGMAS * hypot(sqrt(aside), origin / step)
+    work_angle = criterion.work_angle - MARGIN_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
+    rotation = criterion.rotation - MARGIN_SIGMAS * hypot(sqrt(aside), origin / step)
     return max(0.0, work_angle), max(0.0, rotation)
 
 

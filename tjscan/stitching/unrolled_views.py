@@ -308,13 +308,9 @@ def _unroll_points(
     phi, rho = np.arctan2(y, x), np.hypot(x, y)
     phi = phi[0, 2] + np.angle(np.exp(1j * (phi - phi[0, 2])))  # no jump within a view
     height = z - surface.height(phi, np.minimum(rho, WIDEST_LEG_SHARE * shape.leg_radius))
-    off = np.concatenate(
-        (
-            rho[:, : 3 + on_brace] - shape.brace_radius,
-            surface.signed_distances(shifted[:, 3 + on_brace :]),
-        ),
-        axis=1,
-    )
+    off_brace = rho[:, : 3 + on_brace] - shape.brace_radius
+    off_leg = surface.signed_distances(shifted[:, 3 + on_brace :])
+    off = np.concatenate((off_brace, off_leg), axis=1)
     # What values and azimuths add up of each point: (10, k) by distance, height and azimuth.
     k = len(points)
     by_off, by_height, by_phi = np.zeros((3, VALUES_PER_VIEW, k))

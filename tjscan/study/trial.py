@@ -30,7 +30,7 @@ class Trial:
     inputs : mapping
         What was varied, by dotted key, and what followed from that.
     task : str
-        Which algorithm runs; see `tjscan.runs.tasks.ALL_TASKS`.
+        Name of the task that is run.
     settings : str
         Everything that it needs, as canonical JSON.
     """

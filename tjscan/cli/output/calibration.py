@@ -49,7 +49,7 @@ class PrintOnlyOperator(DefaultAnswerOperator):
 
 
 @contextmanager
-def chosen_operator(
+def choose_operator(
     job: CalibrationJob, job_file: Path, page: LiveOptions, *, unattended: bool
 ) -> Iterator[Operator]:
     """Yield the operator of a calibration, on the page, at the terminal or none.
@@ -138,7 +138,7 @@ def calibrate_and_print(
     if isinstance(job, RecordedJob):
         done = run.calibrate_recorded_job(job, file, directory, print_message)
     else:
-        with chosen_operator(job, file, page, unattended=mode.unattended) as operator:
+        with choose_operator(job, file, page, unattended=mode.unattended) as operator:
             if resume:
                 done = run.resume_calibration(file.parent, operator)
             else:

@@ -73,7 +73,7 @@ def print_passes(directory: Path, *, json: bool) -> None:
     if json:
         print_json({"directory": str(directory), "passes": rows})
         return
-    _print_rows(rows, f"{directory / PASSES_FILE}")
+    _print_pass_rows(rows, f"{directory / PASSES_FILE}")
 
 
 def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: bool) -> None:
@@ -82,7 +82,7 @@ def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: b
         print_json(runs)
         return
     for name, rows in runs.items():
-        _print_rows(rows, name)
+        _print_pass_rows(rows, name)
 
 
 def print_crawler_sizing(figures: Sequence[SizeFigure], *, json: bool) -> None:
@@ -90,18 +90,15 @@ def print_crawler_sizing(figures: Sequence[SizeFigure], *, json: bool) -> None:
     if json:
         names = ("name", "value", "unit", "least", "most", "holds", "advice")
         rows = [{name: getattr(one, name) for name in names} for one in figures]
-        print_json(
-            [row | {"value": row["value"] if isfinite(row["value"]) else None} for row in rows]
-        )
+        for row in rows:
+            row["value"] = row["value"] if isfinite(row["value"]) else None
+        print_json(rows)
         return
-    states = ["" if not one.rule else "holds" if one.holds else "BROKEN" for one in figures]
-    print_fields(
-        [
-            (one.name, f"{one.value:.4g} {one.unit}", one.rule, state)
-            for one, state in zip(figures, states, strict=True)
-        ],
-        ("figure", "value", "rule", ""),
-    )
+    cells = []
+    for one in figures:
+        state = "" if not one.rule else "holds" if one.holds else "BROKEN"
+        cells.append((one.name, f"{one.value:.4g} {one.unit}", one.rule, state))
+    print_fields(cells, ("figure", "value", "rule", ""))
     for one in figures:
         if not one.holds:
             print_message(f"{one.name} is {one.value:.3g} {one.unit}".rstrip() + f": {one.advice}")
@@ -118,7 +115,7 @@ def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: boo
     )
 
 
-def _print_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
+def _print_pass_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
     if not rows:
         print_message(f"{title}: no pass was welded")
         return

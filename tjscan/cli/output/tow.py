@@ -13,7 +13,7 @@ from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message, stderr
 from tjscan.core.config import add_file_to_errors
-from tjscan.job.tow.cell import make_planner, sweep_seam
+from tjscan.job.tow.cell import check_seam, make_shape_planner
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
@@ -63,12 +63,8 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
     """
     seam = Seam(job.seam)
     unit = "mm of seam" if seam.length else "s"
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f} " + unit),
-        TimeElapsedColumn(),
-    )
+    count = TextColumn("{task.completed:.0f} of {task.total:.0f} " + unit)
+    columns = TextColumn("{task.description}"), BarColumn(), count, TimeElapsedColumn()
     with Progress(*columns, console=stderr) as progress:
         task = progress.add_task("towing", total=1e3 * seam.length or seam.seconds)
         context = TowContext(job, file, TowProgress(progress, task), write_run_report)
@@ -82,7 +78,7 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
             yield replace(context, journal=both, show_truth=shown.record)
 
 
-def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
+def print_seam_feasibility(job: TowJob, file: Path, *, json: bool) -> None:
     """Say whether the cable can follow along the whole seam.
 
     Raises
@@ -91,18 +87,13 @@ def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
         If it can't, with where and why.
     """
     with add_file_to_errors(file):
-        sweep = sweep_seam(job, make_planner(job))
+        sweep = check_seam(job, make_shape_planner(job))
         sweep.refuse_if_blocked()
     bend = max(abs(plan.angles).max() for plan in sweep.plans)
     if json:
+        shape = {"first_shape": sweep.chosen, "first_shapes": sweep.shapes}
         print_json(
-            {
-                "feasible": True,
-                "length_mm": 1e3 * sweep.length,
-                "bend_rad": float(bend),
-                "first_shape": sweep.chosen,
-                "first_shapes": sweep.shapes,
-            }
+            {"feasible": True, "length_mm": 1e3 * sweep.length, "bend_rad": float(bend)} | shape
         )
         return
     limit = job.chain.joint_limit

@@ -90,22 +90,16 @@ class _FixedSolid(NamedTuple):
 
 def _fixed_solids(job: TowJob) -> list[_FixedSolid]:
     """Pillars, and obstacles that never move."""
-    pillars = [
-        _FixedSolid(
-            f"the pillar at {_point_in_mm(hole[0])} mm", "area.holes_mm", shapely.Polygon(hole)
-        )
-        for hole in job.area.holes
-    ]
-    obstacles = [
-        _FixedSolid(
-            f"{one.name} at {_point_in_mm(one.points[0])} mm",
-            f"obstacles.{number}",
-            shapely.Point(one.points[0]).buffer(one.radius),
-        )
-        for number, one in enumerate(job.obstacles)
-        if not one.speed
-    ]
-    return pillars + obstacles
+    solids = []
+    for hole in job.area.holes:
+        name = f"the pillar at {_point_in_mm(hole[0])} mm"
+        solids.append(_FixedSolid(name, "area.holes_mm", shapely.Polygon(hole)))
+    for number, one in enumerate(job.obstacles):
+        if not one.speed:
+            name = f"{one.name} at {_point_in_mm(one.points[0])} mm"
+            disc = shapely.Point(one.points[0]).buffer(one.radius)
+            solids.append(_FixedSolid(name, f"obstacles.{number}", disc))
+    return solids
 
 
 def _free_floor(job: TowJob, solids: Sequence[_FixedSolid]) -> Any:
@@ -122,12 +116,12 @@ def _corridor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
     vehicles count as joined if the longest piece reaches from one to the other.
     """
     radius = job.vehicles.radius + job.limits.vehicle_clearance
-    if _is_passable(job, radius):
+    if _can_vehicles_pass(job, radius):
         return
     low, high = 0.0, radius
     while high - low > 1e-4:
         middle = (low + high) / 2
-        low, high = (middle, high) if _is_passable(job, middle) else (low, middle)
+        low, high = (middle, high) if _can_vehicles_pass(job, middle) else (low, middle)
     yield (
         "area.outline_mm",
         f"between root and seam vehicles pass ways {2e3 * high:.0f} mm wide at most, and need "
@@ -135,7 +129,7 @@ def _corridor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
     )
 
 
-def _is_passable(job: TowJob, radius: float) -> bool:
+def _can_vehicles_pass(job: TowJob, radius: float) -> bool:
     """Whether bodies of a radius fit one after the other from the root to all of the seam."""
     places = shapely.get_parts(_free_floor(job, _fixed_solids(job)).buffer(-radius))
     pieces = job.cable.link * np.diff(job.held_links, prepend=-1)

@@ -26,11 +26,11 @@ from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, TOWING_VEHICLE_DRIVERS
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
 GRAVITY_ACCELERATION: Final = 9.81  # m/s²
-PLAN_RESERVE: Final = 5e-3
+PLAN_CLEARANCE_RESERVE: Final = 5e-3
 """Metres that plans add to the clearances of the job: vehicles and cable follow a plan to within
 some millimetres."""
 
-BEND_RESERVE: Final = 1.02
+BEND_RADIUS_RESERVE: Final = 1.02
 """Factor by which plans enlarge the least bend radius of the job."""
 
 MOST_VEHICLES: Final = 50
@@ -195,7 +195,7 @@ class TowJob(StrictFileModel):
     def planned_chain(self) -> Cable:
         """The cable as it is planned: bent less than allowed, since it follows a plan roughly."""
         chain = self.chain
-        return replace(chain, least_bend_radius=BEND_RESERVE * chain.least_bend_radius)
+        return replace(chain, least_bend_radius=BEND_RADIUS_RESERVE * chain.least_bend_radius)
 
     @property
     def hard_limits(self) -> tables.LimitSettings:
@@ -203,9 +203,9 @@ class TowJob(StrictFileModel):
         limits = self.limits
         return replace(
             limits,
-            link_clearance=limits.link_clearance + PLAN_RESERVE,
-            vehicle_clearance=limits.vehicle_clearance + PLAN_RESERVE,
-            vehicle_gap=limits.vehicle_gap + PLAN_RESERVE,
+            link_clearance=limits.link_clearance + PLAN_CLEARANCE_RESERVE,
+            vehicle_clearance=limits.vehicle_clearance + PLAN_CLEARANCE_RESERVE,
+            vehicle_gap=limits.vehicle_gap + PLAN_CLEARANCE_RESERVE,
         )
 
     @property

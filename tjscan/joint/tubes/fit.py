@@ -28,7 +28,7 @@ from tjscan.joint.tubes.cylinder import Cylinder
 class ArmRepeatability:
     """Errors of the flange's pose that an arm reports; all points of a view share them.
 
-    The defaults are the assumption that the simulated arm is made of (`tjscan.robot.simulated`).
+    The defaults are the assumption that the simulated arm is made of.
 
     Parameters
     ----------

@@ -234,17 +234,14 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     cell = make_cell(
         job, mount, lambda: SimulatedScene(_board_and_ball_surface(job, truth.T), np.eye(4))
     )
-    probe = SimulatedTouchProbe(
-        cell.arm,
-        np.array(board.probe_tip),
-        board.T,
-        plane_through_point(truth.T[:3, 3], truth.T[:3, 2]),
+    plane = plane_through_point(truth.T[:3, 3], truth.T[:3, 2])
+    return cell, SimulatedTouchProbe(
+        *(cell.arm, np.array(board.probe_tip), board.T, plane),
         sigma=truth.touch,
         approach=board.approach,
         rng=np.random.default_rng([simulation.seed, PROBE_RANDOM_STREAM]),
         true_flange=cell.true_flange,
     )
-    return cell, probe
 
 
 def _refuse_board_without_simulation() -> NoReturn:
@@ -283,18 +280,10 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     deviation = None  # if the laser is stated to be exact
     if largest:
         deviation = LaserDeviation.for_window(largest, window)
-    return CalibrationPlan(
-        board.T,
-        0.5 * np.array(board.size),
-        np.array(board.probe_tip),
-        T_f_s,
-        window,
-        board.noise,
-        board.touches,
-        board.lines,
-        ArmGeometryDeviation(kinematics_of_job(job)).moves,
-        deviation,
-    )
+    board_f = board.T, 0.5 * np.array(board.size), np.array(board.probe_tip)
+    measured = board.noise, board.touches, board.lines
+    moves = ArmGeometryDeviation(kinematics_of_job(job)).moves
+    return CalibrationPlan(*board_f, T_f_s, window, *measured, moves, deviation)
 
 
 UNNAMED_DEVICE: Final = "unnamed"

@@ -505,7 +505,7 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
                 yield entry.time, entry.topic, cycle
             continue
         if time is None:
-            detail = f"estimated anew from {source}; nothing moved"
+            detail = f"estimated again from {source}; nothing moved"
             event = event_log_message(entry.time, Log.Level.INFO, REPLAY_EVENT, detail)
             yield entry.time, LOG_TOPIC, event
         period = 0.0 if time is None else cycle.state.time - time

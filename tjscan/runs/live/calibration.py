@@ -20,11 +20,10 @@ from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
 from tjscan.job.cell import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.job.files import CalibrationJob, read_calibration_job
-from tjscan.live.buttons import Act, Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
 from tjscan.live.drawables import ArmPosture, Drawable, Lines, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, Button, PageAddress, Tone
 from tjscan.live.step import (
     BUTTONS_FACT_NAME,
     STATE_FACT,
@@ -69,7 +68,7 @@ class CalibrationShow:
             case logbook.StartOrResumeEntry():
                 return Step("begun", facts={"lines": f"0 of {self._plan.lines}"})
             case logbook.BoardTouch():
-                return self._touch_step(entry)
+                return self._page_step_of_touch(entry)
             case logbook.LaserLineTaken(shot, for_verification):
                 return self._profile_step("verification" if for_verification else shot.name, shot)
             case logbook.ArmPoseTaken():
@@ -78,7 +77,7 @@ class CalibrationShow:
             case logbook.SkippedPose():
                 return Step("skipped", events=(("passed over", entry.reason),))
             case CalibrationProgress():
-                return self._progress_step(entry)
+                return self._page_step_of_progress(entry)
         return Step()
 
     def draw_next_pose(self, T_b_f: Array | None) -> Step:
@@ -115,7 +114,7 @@ class CalibrationShow:
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
 
-    def _touch_step(self, touch: logbook.BoardTouch) -> Step:
+    def _page_step_of_touch(self, touch: logbook.BoardTouch) -> Step:
         label = f"place {touch.place_number + 1}"
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
@@ -137,7 +136,7 @@ class CalibrationShow:
             drawn[f"line/{label}"] = Lines.through(seen, colour=LASER_COLOUR, width=2.5)
         return Step(label, drawn, {"taken": label}, profile=PlaneCurve.of_profile(shot.profile))
 
-    def _progress_step(self, progress: CalibrationProgress) -> Step:
+    def _page_step_of_progress(self, progress: CalibrationProgress) -> Step:
         """How sure the pose is after each line; the lines in the table, and where they belong."""
         sure, taken = progress.uncertainty, len(progress.samples)
         values = {
@@ -156,13 +155,8 @@ class CalibrationShow:
             for one in result.residuals:
                 note = "" if one.used else "left out"
                 rows.append((one.name, f"{1e3 * one.offset:+.3f}", f"{one.misfit:.1f}", note))
-        return Step(
-            f"{taken} lines",
-            facts=facts,
-            progress=min(taken / progress.wanted, 1.0),
-            samples=(Sample(float(taken), values),),
-            table=[RESIDUAL_TABLE_HEAD, *rows],
-        )
+        share, samples = min(taken / progress.wanted, 1.0), (Sample(float(taken), values),)
+        return Step(f"{taken} lines", {}, facts, share, samples, table=[RESIDUAL_TABLE_HEAD, *rows])
 
 
 def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:
@@ -172,7 +166,7 @@ def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[ob
     return show, logbook.read_calibration_entries(directory)
 
 
-PREVIEW_INTERVAL: Final = 0.2
+PROFILE_PREVIEW_INTERVAL: Final = 0.2
 """Seconds between two profiles of a real laser while an answer is awaited."""
 
 ANSWER_BUTTONS: Final[tuple[tuple[Answer, Tone, str], ...]] = (
@@ -253,7 +247,7 @@ class PageOperator:
             return self._pressed.get()
         while True:
             with suppress(Empty):
-                return self._pressed.get(timeout=PREVIEW_INTERVAL)
+                return self._pressed.get(timeout=PROFILE_PREVIEW_INTERVAL)
             try:
                 profile = PlaneCurve.of_profile(look())
                 self._run.record(Step(facts={"laser": ""}, profile=profile))

@@ -20,11 +20,10 @@ from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live import step as live_step
-from tjscan.live.buttons import Act, Button, stop_button
 from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import BodyPose, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, Button, PageAddress, stop_button
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.settings import Box, Cylinder, Solid
@@ -43,7 +42,7 @@ DRAWN_WELD_PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
 DRAWN_WELD_WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
-SECONDS_BETWEEN_STEPS: Final = 0.25
+SECONDS_BETWEEN_PAGE_STEPS: Final = 0.25
 """Seconds of the vehicle's clock between two steps of a recording."""
 
 SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
@@ -151,14 +150,9 @@ class CrawlShow:
         if cycle.phase is Phase.WELDING and cycle.number:
             along = min(max(cycle.travel / self._job.weld.length, 0.0), 1.0)
             progress = (cycle.number - 1 + along) / len(self._job.passes)
-        return live_step.Step(
-            f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm",
-            drawn,
-            self._cycle_facts(cycle),
-            progress,
-            samples,
-            diagram=phase_transition_diagram(cycle.phase),
-        )
+        label, facts = f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm", self._cycle_facts(cycle)
+        diagram = phase_transition_diagram(cycle.phase)
+        return live_step.Step(label, drawn, facts, progress, samples, diagram=diagram)
 
     def _cycle_facts(self, cycle: CrawlCycle) -> dict[str, str]:
         reading = f"{1e3 * cycle.d:+.2f} ± {1e3 * cycle.d_sigma:.2f} mm" if cycle.was_read else "no"
@@ -214,7 +208,7 @@ def _read_thinned_entries(directory: Path) -> Iterator[object]:
         match entry:
             case CrawlCycle(state=state, profile=profile):
                 if state.time >= due:
-                    due, with_profile = state.time + SECONDS_BETWEEN_STEPS, True
+                    due, with_profile = state.time + SECONDS_BETWEEN_PAGE_STEPS, True
                     yield entry
                 if profile is not None and with_profile:
                     with_profile = False

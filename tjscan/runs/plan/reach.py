@@ -24,9 +24,9 @@ from tjscan.core.frames import (
 from tjscan.core.units import MM
 from tjscan.job.cell import collision_model_of_job, kinematics_of_job
 from tjscan.job.files import ScanJob, read_scan_job
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import LengthEntry
 from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import BeadPath, StationPath
@@ -262,7 +262,7 @@ class StationReach:
         """
         first, last = self.longest or (0, 0)
         spins, q = self.holds.path(first, last)
-        q = _turned_within_limits(q, self.station)
+        q = _turn_joints_within_limits(q, self.station)
         at = self._along(np.arange(first, last + 1))
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
@@ -361,14 +361,9 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     count = ceil(edges.length / REACH_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
-    holds = ToolConfigurations(
-        station.kinematics,
-        torch.tcp.T,
-        T,
-        station.make_hindrance(torch, groove, EXTRA_COLLISION_MARGIN),
-        singular=station.job.clearance.singular,
-        closed=edges.closed,
-    )
+    arm, singular = station.kinematics, station.job.clearance.singular
+    wary = station.make_hindrance(torch, groove, EXTRA_COLLISION_MARGIN)
+    holds = ToolConfigurations(arm, torch.tcp.T, T, wary, singular=singular, closed=edges.closed)
     hindrance = station.make_hindrance(torch, groove, 0.0)
     return StationReach(station, hindrance, places, edges.length, holds)
 
@@ -438,7 +433,7 @@ def _nearest_point_of_bead(bead: PlannedBead, s: float, edges: GrooveEdges) -> t
     return i, float(away[i])
 
 
-def _turned_within_limits(q: Array, station: WeldingStation) -> Array:
+def _turn_joints_within_limits(q: Array, station: WeldingStation) -> Array:
     """Joint angles of a path, shape (k, n), whole turns on so that they are within their limits."""
     arm = station.kinematics
     middle = 0.5 * (arm.lower + arm.upper)
