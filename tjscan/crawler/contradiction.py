@@ -120,8 +120,8 @@ class WheelWatch:
         kept = exp(-way / WHEEL_MEMORY_LENGTH - period / WHEEL_MEMORY_TIME)
         self._behind = kept * self._behind + (self._expected - seen) * period
         self._last = asked, seen
-        both_stand = np.all(np.abs(seen) < STANDING_SHARE * np.abs(asked))
-        if self.difference > MOST_WHEEL_ERROR and not both_stand:
+        both_at_rest = np.all(np.abs(seen) < STANDING_SHARE * np.abs(asked))
+        if self.difference > MOST_WHEEL_ERROR and not both_at_rest:
             raise self.error()
 
     @property

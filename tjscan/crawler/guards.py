@@ -281,6 +281,6 @@ class Guards:
         return self._corners.moves_towards_edge(twist, self._proximity.missing_corners)
 
     @property
-    def stands_on_steel(self) -> bool:
+    def is_on_steel(self) -> bool:
         """Whether there is steel below every corner."""
         return not self._proximity.missing_corners

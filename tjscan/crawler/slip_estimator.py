@@ -305,7 +305,7 @@ class SlipEstimate:
         P[place, place] = uncertainty.offset**2, uncertainty.heading**2
         return type(self)(x, P)
 
-    def after_unseen_way(self, way: float, least_radius: float) -> Self:
+    def with_unseen_travel(self, way: float, least_radius: float) -> Self:
         """What is still known if the vehicle went on by up to a way that was not seen.
 
         It may have turned there as tightly as it is ever steered, and gone aside with that. Without

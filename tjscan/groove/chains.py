@@ -131,7 +131,7 @@ class ChainSearch:
         self._runs, self._costs = runs, paid
         support = _running_sums(1 - paid)
         # No chain costs less than if every run that jumps off the surface were a reflection.
-        least = _running_sums(paid * runs.most_per_point())
+        least = _running_sums(paid * runs.largest_cost_per_point())
         self._corners = _intersect_candidates(points, candidates)
         own = np.arange(len(reach))
         before, after = (own[:, None], self._corners.place), (own, self._corners.place)

@@ -253,6 +253,6 @@ class Show(Protocol):
         """What an entry changes: nothing if it is of an unknown type."""
 
 
-ShowReader = Callable[[Path], tuple[Show, Iterable[object]]]
+ReplayReader = Callable[[Path], tuple[Show, Iterable[object]]]
 """A function that each task brings: what shows its runs, and what was recorded of a run, by the
 run's directory. It raises ConfigurationError or RecordingError if a file is wrong or damaged."""

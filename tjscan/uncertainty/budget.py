@@ -359,9 +359,9 @@ def summarise_budget(
     left_out : sequence of str
         What is not in the budget.
     """
-    total = _typical_mask(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
+    total = _middle_quantiles_mask(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
     whole = np.diagonal(budget.measure_covariances, axis1=-2, axis2=-1)
-    typical = [_typical_mask(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
+    typical = [_middle_quantiles_mask(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
     combined = np.zeros(5)
     rows = []
     for one in budget.components:
@@ -379,7 +379,7 @@ def summarise_budget(
     )
 
 
-def _typical_mask(variances: Array, counted: Mask) -> Mask:
+def _middle_quantiles_mask(variances: Array, counted: Mask) -> Mask:
     """Which of the variances that count lie in the middle; all that count if none is."""
     chosen = variances[counted] if counted.any() else variances
     low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")

@@ -244,7 +244,7 @@ class SimulatedBody:
         return drives.top_speed / drives.braking
 
     @property
-    def stands(self) -> bool:
+    def at_rest(self) -> bool:
         """Whether both tracks are at rest."""
         return not self._speeds.any()
 

@@ -65,7 +65,7 @@ class LoopbackSensor:
         Takes a profile, of as many points.
     begin : callable
         Is called whenever acquisition starts.
-    tell : callable
+    report_line : callable
         Receives a line when a program takes control or gives it back.
     """
 
@@ -74,7 +74,7 @@ class LoopbackSensor:
     columns: int
     expose: Callable[[], Profile]
     begin: Callable[[], None]
-    tell: Callable[[str], None]
+    report_line: Callable[[str], None]
     faults: dict[LaserFaultOrder, OrderedLaserFault] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -121,7 +121,7 @@ class LoopbackSensor:
         if self._controller not in (None, _OTHER_CONTROLLER):
             patience = 1e-3 * self._memory.get(registers.HEARTBEAT_TIMEOUT)
             if now - self._heard > patience:
-                self.tell("control lost: no heartbeat")
+                self.report_line("control lost: no heartbeat")
                 self._release()
         if self._runs_free and now >= self._next_exposure:
             (rate,) = unpack_from(">d", self._memory.read(features.FRAME_RATE, 8) or bytes(8))
@@ -226,7 +226,7 @@ class LoopbackSensor:
     def _change_control(self, data: bytes, client: Address, now: float) -> None:
         wanted = bool(data[-1] & registers.CONTROL_BITS)
         if wanted and self._controller is None:
-            self.tell(f"control taken by {client[0]}:{client[1]}")
+            self.report_line(f"control taken by {client[0]}:{client[1]}")
             self._controller, self._heard = client, now
             self._memory.put(registers.CONTROL_PRIVILEGE, data)
         elif not wanted:
@@ -234,7 +234,7 @@ class LoopbackSensor:
 
     def _release(self) -> None:
         if self._controller is not None:
-            self.tell("control given back")
+            self.report_line("control given back")
         self._controller, self._acquiring = None, False
         self._packets.clear()
         self._memory.set(registers.CONTROL_PRIVILEGE, 0)
@@ -249,7 +249,7 @@ class LoopbackSensor:
         try:
             profile = self.expose()
         except TjscanError as error:  # the arm that carries it does not say where it stands
-            self.tell(f"no profile: {error}")
+            self.report_line(f"no profile: {error}")
             return
         if LaserFaultOrder.ALL_INVALID in self.faults:
             nothing = np.full(len(profile), np.nan)

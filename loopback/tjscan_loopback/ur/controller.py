@@ -70,7 +70,7 @@ class LoopbackController:
         Its ticks per second.
     fast : bool
         Whether motion runs faster than the wall's clock; its own clock runs with the motion.
-    tell : callable
+    report_line : callable
         Receives a line for each move and program.
     """
 
@@ -81,9 +81,9 @@ class LoopbackController:
         *,
         hz: float,
         fast: bool,
-        tell: Callable[[str], None],
+        report_line: Callable[[str], None],
     ) -> None:
-        self.kinematics, self.tell = kinematics, tell
+        self.kinematics, self.report_line = kinematics, report_line
         self.mode, self.safety, self.runtime = (
             RobotPower.RUNNING,
             SafetyState.NORMAL,
@@ -113,7 +113,7 @@ class LoopbackController:
         self._elapsed = self._left = 0.0
         self._is_let_go = False
         self._missing = False
-        self._programs = ControllerPrograms(self, tell)
+        self._programs = ControllerPrograms(self, report_line)
         self._orders: list[ScheduledFault] = []
         self._moves = 0
 
@@ -222,7 +222,7 @@ class LoopbackController:
     def begin_motion(self, motion: Motion) -> None:
         """Begin a motion; what was left of the tick in which the last one ended counts for it."""
         self._moves += 1
-        self.tell(f"move {self._moves}")
+        self.report_line(f"move {self._moves}")
         self._take_over(motion, None, self._left)
         self.q = motion.joint_angles_at(self._elapsed)
 
@@ -252,7 +252,7 @@ class LoopbackController:
     def protective_stop(self, reason: str = "") -> None:
         """Stop as the safety system does; the program pauses."""
         if reason:
-            self.tell(f"protective stop: {reason}")
+            self.report_line(f"protective stop: {reason}")
         self.safety, self._stopped_at = SafetyState.PROTECTIVE_STOP, self.time
         if self._programs.running:
             self.runtime = ProgramState.PAUSED

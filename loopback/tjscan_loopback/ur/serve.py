@@ -52,5 +52,5 @@ def run_loopback_server(
     if not possible:
         raise ConfigurationError(f"{kinematics.name} can't be at {list(home_deg)}", key="home_deg")
     survive_background_terminal_read()
-    controller = LoopbackController(kinematics, q, hz=hz, fast=fast, tell=print_line)
+    controller = LoopbackController(kinematics, q, hz=hz, fast=fast, report_line=print_line)
     asyncio.run(LoopbackServer(controller, model, host, hz, print_line, dh).run(attached=attached))

@@ -154,7 +154,7 @@ def _run(
         for vehicle, link, inbox in served:
             while not inbox.empty():
                 vehicle.receive(inbox.get())
-            vehicle.link_stands = link.is_up
+            vehicle.link_is_up = link.is_up
             for topic, payload in vehicle.advance(now, period):
                 link.publish(topic, payload)
         if world is not None:
@@ -168,7 +168,7 @@ def _run(
 
 def _obey(line: str, served: list[Served], towing: TowingBodies | None) -> None:
     if towing is not None and line.strip() == TRUTH_COMMAND:
-        print_line(f"{TRUTH_COMMAND} {towing.tell_truth()}")
+        print_line(f"{TRUTH_COMMAND} {towing.truth_as_json()}")
         return
     try:
         order = parse_ordered_fault(line, len(served))

@@ -70,9 +70,9 @@ class TowingBody:
         return self._world.time
 
     @property
-    def stands(self) -> bool:
-        """See `LoopbackBody.stands`."""
-        return self._world.stands(self._which)
+    def at_rest(self) -> bool:
+        """See `LoopbackBody.at_rest`."""
+        return self._world.is_at_rest(self._which)
 
     @property
     def braking_time(self) -> float:
@@ -162,7 +162,7 @@ class TowingBodies:
         extremes.touches.update(first)
         return first
 
-    def tell_truth(self) -> str:
+    def truth_as_json(self) -> str:
         """What is true, and was since the world began, as JSON."""
         world, extremes = self._world, self.extremes
         return json.dumps(

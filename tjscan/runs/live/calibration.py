@@ -160,7 +160,7 @@ class CalibrationShow:
 
 
 def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:
-    """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a calibration's recording has to show; see `tjscan.live.step.ReplayReader`."""
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
     return show, logbook.read_calibration_entries(directory)
