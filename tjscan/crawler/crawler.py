@@ -122,7 +122,7 @@ class Crawler:
         Parameters
         ----------
         start : CrawlStart, optional
-            Where an interrupted crawl left off; from the beginning where left out.
+            Where an interrupted crawl left off; from the beginning if left out.
 
         Raises
         ------

@@ -331,7 +331,7 @@ class SlipEstimator:
     sigma. So it learns that too, by matching covariances (Mehra 1972): differences between
     readings and what was expected, each over its standard deviation, are white if the noise is
     right; the square of their sum over a window, over their number, is 1 in the mean. It is more
-    where slip changes more than assumed, and less where it changes less.
+    if slip changes more than assumed, and less if it changes less.
 
     Parameters
     ----------

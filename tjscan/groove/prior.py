@@ -86,7 +86,7 @@ class SectionEvidence:
     log_thicknesses : ndarray, shape (n,)
         Log-likelihood of each of `SCALE_THICKNESSES`.
     form : str
-        Name of the form of groove that was read; empty where this is not known.
+        Name of the form of groove that was read; empty if this is not known.
     """
 
     bends: Array

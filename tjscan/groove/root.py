@@ -282,7 +282,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     apex_bevel, apex_leg = fitted.places[-1]
     off_bevel = np.abs(bevel.signed_distances(row.points))
     off_leg = np.abs(leg.signed_distances(row.points))
-    # Where the two are near each other a point belongs to the nearer one.
+    # If the two are near each other a point belongs to the nearer one.
     on_bevel = (off_bevel < tolerance) & (off_bevel < off_leg)
     on_leg = (off_leg < tolerance) & (off_leg <= off_bevel)
     turn = int(row.tangents.searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))

@@ -63,14 +63,14 @@ PATCH_SIGMAS, PATCHED_SHARE = 3.5, 0.15
 makes a side patched: single spatter does not."""
 
 UNSEEN_SIDE_SLOPE: Final = 0.04
-"""Slope by which a side may turn where it is not seen: half the angle between two facets that a
+"""Slope by which a side may turn if it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
 
 PULL_PROBABILITY: Final = 0.5
 """Probability that a notch which looks pulled in by light is, and no fillet."""
 
 UNSEEN_FACE_SLOPE: Final = 0.15
-"""Slope by which the face of a bead may turn where it is not seen: it has no plan."""
+"""Slope by which the face of a bead may turn if it is not seen: it has no plan."""
 
 LEAVING_POINTS, LEAVING_STEP = 6, 0.25e-3
 """Points in a row that leave a side, and the most by which one lies farther off than the last, in

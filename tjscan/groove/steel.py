@@ -2,7 +2,7 @@
 
 Scale covers the outer sides in patches, a few tenths of a millimetre proud, with bare steel
 between: two levels a step apart, the farther being the steel. One side often shows too little of
-either level to tell a patch from its own bend: how thick scale is and how far the side bends is
+either level to separate a patch from its own bend: how thick scale is and how far the side bends is
 known better from the sections before.
 """
 

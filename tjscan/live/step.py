@@ -194,7 +194,7 @@ class SceneSetup:
     plot_axis : str
         What the samples' x is, with its unit.
     plot_range : tuple of float or None
-        Ends of that axis; as the samples have them where left out.
+        Ends of that axis; as the samples have them if left out.
     arm : Kinematics or None
     solids : tuple of Solid
         What is about, in frame b.

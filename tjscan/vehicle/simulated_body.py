@@ -131,7 +131,7 @@ class DriveSettings(SettingsTable):
     Parameters
     ----------
     top_speed : float
-        Of a track, m/s: the 6 m/min of the paper. Where one would run faster, both are slowed by
+        Of a track, m/s: the 6 m/min of the paper. If one would run faster, both are slowed by
         the same share, so that the path's curvature stays.
     lag : float
         Time constant of the speed loop, seconds. Assumption.
@@ -150,7 +150,7 @@ class DriveSettings(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleSimulationSettings(SettingsTable):
-    """The table [simulation.vehicle]: where a simulated vehicle stands, and how it moves.
+    """The table [simulation.vehicle]: where a simulated vehicle begins, and how it moves.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ class SimulatedBody:
         period : float, optional
             Seconds.
         grip : float, optional
-            Share of the tracks' motion that the body follows at most; less than 1 where they spin.
+            Share of the tracks' motion that the body follows at most; less than 1 if they spin.
         """
         if twist is None:
             most = self._settings.drives.braking * period

@@ -33,17 +33,17 @@ STALE_AGE: Final = 1.0
 """Seconds between the exposure of a stale profile and its trigger."""
 
 REBOOT_DURATION: Final = 0.5
-"""Seconds for which a sensor that restarts answers nobody."""
+"""Seconds for which a sensor that restarts answers no one."""
 
 _OTHER_CONTROLLER: Final = ("127.255.255.254", 1)
-"""Stands for another program that controls the sensor."""
+"""Address of another program that controls the sensor."""
 
 _DESCRIPTION_FAULTS: Final = (
     LaserFaultOrder.UNIT_PIXEL,
     LaserFaultOrder.MISSING_FEATURES,
     LaserFaultOrder.CLEAR,
 )
-"""Faults that change what the memory says."""
+"""Faults that change what the memory holds."""
 
 _REGISTER_FORMAT: Final = Struct(">I")
 _MONO8_CODE: Final = 0x01080001
@@ -104,7 +104,7 @@ class LoopbackSensor:
             self._memory = initial_memory(self.host, self.serial, self.columns, self.faults)
 
     def answer(self, datagram: bytes, client: Address, now: float) -> bytes | None:
-        """Answer a datagram on the control port; None where nothing is to be answered."""
+        """Answer a datagram on the control port; None if nothing is to be answered."""
         command = parse_command(datagram)
         if command is None or self._is_dead(now):
             return None
@@ -135,7 +135,7 @@ class LoopbackSensor:
         return (host, port), [] if self._is_dead(now) or not port else due
 
     def seconds_to_next(self, now: float) -> float | None:
-        """Seconds until there is something to send; None where nothing is planned."""
+        """Seconds until there is something to send; None if nothing is planned."""
         next_due = self._packets.next_due
         times = [] if next_due is None else [next_due]
         if self._runs_free:
@@ -248,7 +248,7 @@ class LoopbackSensor:
         layout, rows = format_of(self._memory), rows_of(self._memory)
         try:
             profile = self.expose()
-        except TjscanError as error:  # the arm that carries it does not say where it stands
+        except TjscanError as error:  # the arm that carries it does not report its pose
             self.report_line(f"no profile: {error}")
             return
         if LaserFaultOrder.ALL_INVALID in self.faults:

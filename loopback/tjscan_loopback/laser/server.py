@@ -122,7 +122,7 @@ def _control_socket(host: str) -> socket.socket:
 
 
 def _discovery_socket() -> socket.socket | None:
-    """Socket that hears the broadcasts of this machine, where it can be had."""
+    """Socket that hears the broadcasts of this machine, if it can be had."""
     heard = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         heard.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -31,7 +31,7 @@ UNLOCK_DELAY: Final = 5.0
 """Seconds on the controller's clock that a protective stop lasts at least."""
 
 LET_GO: Final = 10.0
-"""rad/s² with which an arm comes to rest that nobody commands any more."""
+"""rad/s² with which an arm comes to rest that is commanded no more."""
 
 END_INTERVAL: Final = 1e-6
 """Seconds at the end of a motion, from which the speed there is taken."""
@@ -125,7 +125,7 @@ class LoopbackController:
         self.time += step
         self._wall += self.tick
         if self._wall - self._heard > self.patience and not self.deaf:
-            self.stop_program()  # the watchdog that the client has set: nobody writes any more
+            self.stop_program()  # the watchdog that the client has set: no one writes any more
         self.history.append(self.q)
         if self._motion is not None:
             self._advance(self._motion, step * self.speed_fraction)
@@ -231,11 +231,11 @@ class LoopbackController:
         self._take_over(DecelerationMotion(self.q, self.speed, duration), None)
 
     def drive(self, speeds: SpeedDrive) -> None:
-        """Let the joints turn with a speed that is asked anew in each tick, until told else."""
+        """Let the joints turn with a speed that each tick asks for, until another command."""
         self._take_over(None, speeds)
 
     def let_go(self) -> None:
-        """Nobody commands the arm any more: unless somebody does in this tick, it comes to rest."""
+        """End the commands to the arm: unless one comes in this tick, it comes to rest."""
         self._is_let_go = True
 
     def _take_over(

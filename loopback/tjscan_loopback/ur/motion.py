@@ -153,7 +153,7 @@ def path_motion(
     speeds: tuple[float, float, float],
     acceleration: float,
 ) -> Motion:
-    """Motion of the tool along a path, slower where a joint would exceed its limit.
+    """Motion of the tool along a path, slower if a joint would exceed its limit.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class LoopbackServer:
     report_line : callable
         Receives a line when it is ready, and one for each command.
     dh : DhParameters, optional
-        What it states of its arm's kinematics; nothing where left out, as older controllers.
+        What it states of its arm's kinematics; nothing if left out, as older controllers.
     """
 
     controller: LoopbackController
@@ -206,7 +206,7 @@ class LoopbackServer:
             writer.write(f"{self._dashboard.answer_line(line.decode(errors='replace'))}\n".encode())
 
     async def _awake(self) -> None:
-        """Wait while the controller is frozen: it answers nobody."""
+        """Wait while the controller is frozen: it answers no one."""
         if self.controller.frozen:
             self._thawed.clear()
             await self._thawed.wait()

@@ -74,7 +74,7 @@ class LoopbackBody(Protocol):
 
     @property
     def own_pose(self) -> Array | None:
-        """Where it is, x, y, heading, shape (3,), where it knows and sends that itself."""
+        """Where it is, x, y, heading, shape (3,), if it knows and sends that itself."""
         ...
 
 

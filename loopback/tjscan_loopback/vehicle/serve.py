@@ -41,7 +41,7 @@ CONNECT_LIMIT: Final = 5.0
 """Seconds that a connection to a broker on this machine may take."""
 
 LONGEST_PERIOD: Final = 0.1
-"""Seconds of motion in one step; where the process slept longer, the rest of its sleep is lost."""
+"""Seconds of motion in one step; if the process slept longer, the rest of its sleep is lost."""
 
 VEHICLE_SPACING: Final = 1.5
 """Metres from one vehicle to the next, along y of frame w."""

@@ -106,7 +106,7 @@ class TowingBody:
 
 @dataclass(slots=True)
 class TowingExtremes:
-    """What truly happened in a loopback world since it began, for whoever judges a tow.
+    """What truly happened in a loopback world since it began, to judge a tow by.
 
     Parameters
     ----------
@@ -175,10 +175,10 @@ class TowingBodies:
             }
         )
 
-    def hold_passers_by(self, stand: bool) -> None:
-        """Let all passers-by stand, or walk on."""
+    def hold_passers_by(self, stops: bool) -> None:
+        """Hold all passers-by, or let them walk on."""
         for which in range(len(self._world.passers_by)):
-            self._world.hold_passer_by(which, stand)
+            self._world.hold_passer_by(which, stops)
 
     def link(self, host: str, port: int, prefix: str) -> BrokerLink:
         """What sends where all are, not yet connected."""

@@ -33,7 +33,7 @@ class LoopbackVehicle:
     """A vehicle that obeys messages, and stops by itself.
 
     It takes the commands of one program, the last that announced itself, unless another one
-    commands it. It stands when the dead-man time is over without a command, or the time for which
+    commands it. It stops when the dead-man time is over without a command, or the time for which
     the last one may be held; it brakes when its program goes, when its link breaks, and at a drive
     fault.
 
@@ -79,7 +79,7 @@ class LoopbackVehicle:
         self.body.take_faults(frozenset(self.faults))
 
     def receive(self, received: ReceivedMessage) -> None:
-        """Obey a message, or drop it and tell why."""
+        """Obey a message, or drop it and report why."""
         if VehicleFaultOrder.FREEZE in self.faults:
             return
         try:

@@ -91,7 +91,7 @@ class ButtJointReading(JointPlacement):
         Of the profile, in seconds.
     edges : ndarray, shape (2, 2)
         x_s and z_s of the left and of the right top edge, where hull and bevel meet, in metres.
-        Where the edges are gone they are NaN.
+        If the edges are gone they are NaN.
     edge_covariances : ndarray, shape (2, 2, 2)
         In m².
     depth_left : float

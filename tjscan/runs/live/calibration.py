@@ -52,7 +52,7 @@ class CalibrationShow:
     ----------
     job : CalibrationJob
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     title : str
         Of the run.
     """
@@ -265,7 +265,7 @@ def operator_on_page(
     ----------
     job : CalibrationJob
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     where : PageAddress
     report : callable
         Receives the page's address, and every message.

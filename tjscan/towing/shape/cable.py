@@ -122,7 +122,7 @@ def equally_spaced_links(links: int, vehicles: int, last: int | None = None) -> 
     vehicles : int
         The welder among them.
     last : int, optional
-        Links between the last towing vehicle and the welder; as many as others where left out.
+        Links between the last towing vehicle and the welder; as many as others if left out.
     """
     if last is not None:
         return (*equally_spaced_links(links - last, vehicles - 1), links - 1)

@@ -36,7 +36,7 @@ POSE_TOLERANCE: Final = 1e-6
 """Metres and radians within which fixed links must have their poses."""
 
 LEAST_POSE_MISS: Final = 1e-3
-"""Metres of a missed pose below which a limit that is broken, too, says more of what is wrong."""
+"""Metres of a missed pose below which a limit that is broken, too, shows better what is wrong."""
 
 LONGEST_LINK_STEP: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
