@@ -48,7 +48,7 @@ SCATTER_MEMORY_LENGTH: Final = 0.3
 """Metres over which the true scatter of those means is learned: it counts if it is larger."""
 
 MOST_SCATTERS: Final = 6.0
-"""Standard deviations: one in 10⁹ of normal means, some 10⁵ of which are seen in an hour."""
+"""Standard deviations: one in 10⁹ of normal means; some 10⁵ means are seen in an hour."""
 
 LARGEST_SURPRISE: Final = 1e-3
 """Metres: a reading farther off counts as no more, so that a single wrong one is no jump."""

@@ -86,7 +86,7 @@ class PaperFilter:
     Parameters
     ----------
     tracks : TrackGeometry
-        Whose radius and gauge turn the encoders' noise into that of speed and turn rate.
+        Whose radius and gauge turn the encoders' noise into noise of speed and turn rate.
     x : ndarray, shape (5,)
         The first estimate.
     P : ndarray, shape (5, 5)

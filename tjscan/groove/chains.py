@@ -46,7 +46,7 @@ LEAST_DISTANCE_OF_RIVALS: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
 
 MOST_CHAINS_COMPARED: Final = 150
-"""Most chains of which the distinct ones are sought."""
+"""Most chains among which the distinct ones are sought."""
 
 RIVAL_COST_MARGIN: Final = 12.0
 """By how many outliers a chain may be dearer than the cheapest and still be looked at."""

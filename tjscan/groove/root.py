@@ -45,7 +45,7 @@ TACK_RATIO, TACK_HEIGHT = 0.165, 1.45e-3
 both faces and is lower; a root bead that bulges is smaller."""
 
 CONVEX_WELD_RATIO: Final = 0.06
-"""Height over its chord, as a share of it, from which a face is that of convex weld metal."""
+"""Height over its chord, as a share of it, from which a face is convex weld metal."""
 
 LEAST_OPENING: Final = 0.8e-3
 """Distance between the end of a bevel and the leg that makes an open root, in metres."""

@@ -83,7 +83,7 @@ FACE_END_SHARE: Final = 0.1
 """A bead's face is no parabola: its ends may lie off one by this share of its height. One that
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
-_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over that of a mean
+_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over a mean's
 
 
 @dataclass(frozen=True, slots=True, eq=False)

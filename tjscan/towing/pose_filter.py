@@ -42,7 +42,7 @@ FEWEST_POSES_FOR_SCATTER: Final = 30
 
 NOISY_SCATTER_RATIO: Final = 2.0
 """Scatter over what is stated from which on poses count as noisier, and their estimate as known
-worse by as much: that of 30 poses is wrong by a quarter (one standard deviation)."""
+worse by as much: from 30 poses it is wrong by a quarter (one standard deviation)."""
 
 NOISY_POSE_COUNT: Final = 40
 """Poses for which that must last: more than those that one scatter is found from."""
@@ -377,7 +377,7 @@ class TeamPoseFilter:
 
     @property
     def unknown(self) -> tuple[int, ...]:
-        """Vehicles of which no pose came yet."""
+        """Vehicles without a pose yet."""
         return tuple(v for v, one in enumerate(self._filters) if not one.known)
 
     def update(

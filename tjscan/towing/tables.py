@@ -27,7 +27,7 @@ Path = Annotated[tuple[Point, ...], MinLen(1), MaxLen(1000)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CableSettings(SettingsTable):
-    """The table [cable]: the cable as a chain of links; defaults are those of the paper's table I.
+    """The table [cable]: the cable as a chain of links; defaults are from the paper's table I.
 
     Parameters
     ----------

@@ -201,7 +201,7 @@ class SimulatedBody:
     seed : int, optional
         Of all random numbers: the same seed and commands give the same states.
     pose_w : array_like, shape (3,), optional
-        Its first pose, if not that of the settings: x, y in metres and heading in radians.
+        Its first pose, if not the settings': x, y in metres and heading in radians.
     time : float, optional
         What its clock shows at first, seconds.
     """

@@ -89,7 +89,7 @@ class SlipSettings(SettingsTable):
     longitudinal : float, optional
         Share of the tracks' speed that is lost; p / 10.
     yaw_efficiency : float, optional
-        Mean of η, the turn rate over that of the encoders; 1 - p.
+        Mean of η, the turn rate over the encoders' one; 1 - p.
     yaw_variation : float, optional
         How far η swings along the path; p / 4.
     yaw_period : float, optional

@@ -18,7 +18,7 @@ from tjscan.vehicle.vehicle import Twist
 class TrackGeometry(SettingsTable):
     """Sizes of a vehicle's two tracks, as equation (10) takes them.
 
-    Motor rates are those of the sprockets, behind the gears. The right motor is mounted mirrored:
+    Motor rates are the sprockets', behind the gears. The right motor is mounted mirrored:
     if both turn the same way, the vehicle turns on the spot.
 
     Parameters

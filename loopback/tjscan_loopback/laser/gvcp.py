@@ -1,7 +1,7 @@
 """GVCP, GigE Vision's control protocol, on the wire: commands, acknowledgements, status codes.
 
 All numbers are big-endian. A command is 0x42, flags, its kind, the length of what follows, and a
-number that the acknowledgement repeats. The layout is that of open implementations (aravis,
+number that the acknowledgement repeats. The layout follows open implementations (aravis,
 Wireshark's dissector): the standard itself is licensed.
 """
 

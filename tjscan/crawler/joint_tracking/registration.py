@@ -24,7 +24,7 @@ REFERENCE_PITCH: Final = 0.25e-3
 """Distance of a reference's points, in metres: about the pitch of the sensor's columns."""
 
 SMOOTHED_POINTS: Final = 7
-"""Points over which a reference's slope is taken: that of its noise must not look like shape."""
+"""Points over which a reference's slope is taken: its noise must not look like shape."""
 
 MOST_REGISTRATION_ROUNDS: Final = 8
 SETTLED_SHIFT: Final = 1e-6

@@ -275,7 +275,7 @@ class JointTracker:
         )
 
     def _check_lines(self, row: _ProfileRays, lines: EdgeLines, width: float) -> None:
-        """Refuse lines that are not those of a joint's edges."""
+        """Refuse lines that are not a joint's edges."""
         left, left_bevel, right_bevel, right = lines.angles.tolist()
         least_turn, most_turn = BEVEL_TURNS
         refusals = {

@@ -27,7 +27,7 @@ class ProgramHalted(Exception):
 
 @dataclass(slots=True)
 class Frame:
-    """Variables that a function sees: its own, and those of the program.
+    """Variables that a function sees: its own and the program's.
 
     Parameters
     ----------
