@@ -10,8 +10,8 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import pose, rot_x, rot_z
+from tjscan.robot.closed_form import DhParameters
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.ur.kinematics_info import DhParameters
 from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
 
 LENGTH_SIGMA: Final = 3e-4

@@ -13,7 +13,7 @@ from threading import Thread
 from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.robot.ur.kinematics_info import DhParameters
+from tjscan.robot.closed_form import DhParameters
 from tjscan_loopback.process import check_is_loopback_address
 from tjscan_loopback.ur.controller import LoopbackController
 from tjscan_loopback.ur.dashboard import DASHBOARD_GREETING, DashboardServer
