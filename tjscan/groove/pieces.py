@@ -34,6 +34,9 @@ LEAST_BEARING_SPREAD: Final = 1e-6
 PIECE_COST: Final = 7.0
 """What a piece costs, in nats: BIC's penalty for a line and its end among some 200 blocks."""
 
+NOISE_INFLATION: Final = 2.0
+"""By how much correlation raises the variance of a mean before it is estimated."""
+
 LEAST_UNEVENNESS: Final = 0.01e-3
 """How far the steel of a straight piece leaves its line, in metres."""
 
@@ -123,7 +126,7 @@ def _moments_of_points(points: ProjectivePoints) -> Array:
     return terms
 
 
-def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> Pieces:
+def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
     """Divide a profile into the straight pieces that together explain it best.
 
     Parameters
@@ -131,8 +134,6 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
     points : ProjectivePoints
     runs : PointRuns
         Of the same points; no piece goes on where neighbours jump.
-    inflation : float
-        By how much correlation raises the variance of a mean of the noise.
     """
     first, stop = _divide_runs_in_blocks(runs, len(points.u))
     sums = np.zeros((9, len(points.u) + 1))
@@ -140,7 +141,7 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
     np.cumsum(terms, axis=1, out=sums[:, 1:])
     sums = np.array(sums[:, stop] - sums[:, first])
     through = np.concatenate((np.zeros((9, 1)), sums.cumsum(axis=1)), axis=1)
-    costs = _costs_of_lines(through, 2 * inflation * (points.noise**2 + LEAST_UNEVENNESS**2))
+    costs = _costs_of_lines(through, 2 * NOISE_INFLATION * (points.noise**2 + LEAST_UNEVENNESS**2))
     count, longest = len(first), costs.shape[1]
     # What the first j blocks cost at least, after as many that never are.
     least = np.concatenate((np.full(longest, np.inf), np.zeros(count + 1)))

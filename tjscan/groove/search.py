@@ -35,7 +35,6 @@ from tjscan.groove.settings import (
     GrooveSettings,
     TurnBounds,
 )
-from tjscan.groove.shape import points_lead_away_from_side
 from tjscan.groove.sides import FittedProfile, GrooveFit, OrderedProfilePoints, Polyline
 
 FEWEST_POINTS_ON_SIDE: Final = 4
@@ -62,9 +61,6 @@ WELD_COST: Final = 1.0
 
 MOST_CHAINS_PER_FORM: Final = 3
 """Most chains of one form that are refined."""
-
-NOISE_INFLATION: Final = 2.0
-"""By how much correlation raises the variance of a mean before it is estimated."""
 
 CORNER_POINT_DISTANCE: Final = 1.5e-3
 """Points of both sides lie this near a corner that is seen, in metres."""
@@ -115,10 +111,15 @@ class _FitSearch:
         self._row, self._settings = row, settings
         self._runs = find_runs(row.points, row.columns)
         points = project_points(row, settings.noise)
-        pieces = find_pieces(points, self._runs, NOISE_INFLATION)
+        pieces = find_pieces(points, self._runs)
         if not len(pieces.first):
-            raise GrooveNotFound("no bevel", "all points are on a few rays", row.points)
-        candidates = propose_candidates(points, pieces, NOISE_INFLATION)
+            raise GrooveNotFound(
+                "no bevel",
+                "all points lie on a few rays: they show no surface. Look at the groove more "
+                "squarely, or check the sensor's columns.",
+                row.points,
+            )
+        candidates = propose_candidates(points, pieces)
         self._chains = ChainSearch(points, candidates, self._runs, self.tolerance)
 
     @property
@@ -248,21 +249,14 @@ def _turn_between(before: ArrayLike, after: ArrayLike) -> float:
 def _is_convincing(found: GrooveFit) -> bool:
     """Whether it needs no comparison with other forms.
 
-    Every corner is seen from both sides, every side is seen well, and none but the root's face
-    bends or leaves the points.
+    Every corner is seen from both sides, every side is seen well, and none between wall and leg
+    undulates.
     """
-    fitted, sides = found.fitted, found.model.sides
-    if not found.seen.all():
-        return False
-    if (
-        fitted.inlier_shares.min() < LEAST_SEEN_SHARE
-        or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT_UNDULATION
-    ):
-        return False
-    return not any(
-        points_lead_away_from_side(fitted, k)
-        for k, side in enumerate(sides[1:-1], 1)
-        if not side.bead
+    fitted = found.fitted
+    return (
+        bool(found.seen.all())
+        and float(fitted.inlier_shares.min()) >= LEAST_SEEN_SHARE
+        and float(undulation_sigmas(fitted)[1:-1].max()) <= STRAIGHT_UNDULATION
     )
 
 
