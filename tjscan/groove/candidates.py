@@ -48,7 +48,7 @@ STRAIGHT_KIND, BENT_KIND, BEAD_KIND, WELD_KIND = range(len(CANDIDATE_KINDS))
 """Kinds of candidates: walls and bevels; legs; faces of a root; welds that fill the groove."""
 
 MOST_CANDIDATES: Final = 48
-"""Most candidates of a kind; those of most points are kept."""
+"""Most candidates of a kind; the ones of most points are kept."""
 
 MOST_RANGE_PIECES: Final = 48
 """Most pieces of a range."""

@@ -81,7 +81,7 @@ class Pieces:
     moments : ndarray, shape (P, 9)
         Sums of z⁴ times 1, u … u⁴, y, u y, u² y and y² over its points.
     probes, heights : ndarray, shape (P, 2)
-        Two places u that stand for its points, and y of its line there.
+        Two places u that represent its points, and y of its line there.
     """
 
     first: Index
@@ -108,7 +108,7 @@ def project_points(row: OrderedProfilePoints, largest_noise: float) -> Projectiv
         share = (u[own] - u[before]) / np.maximum(u[after] - u[before], 1e-9)
         off = np.abs(y[own] - (1 - share) * y[before] - share * y[after]) * z[own] ** 2
         size = off / np.sqrt(1 + share**2 + (1 - share) ** 2)
-        # A sensor that rounds shows no difference where it is finer than its steps.
+        # A sensor that rounds shows no difference if it is finer than its steps.
         size = size[size > LEAST_DIFFERENCE]
         if len(size):
             sigmas.append(float(np.quantile(size, QUIET_QUANTILE)) / QUIET_QUANTILE_OF_NORMAL)
@@ -160,7 +160,7 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
     middle = a / w
     spread = np.sqrt(np.maximum(b / w - middle**2, 1e-18))
     slope = (d - a * c / w) / (w * spread**2)
-    # Two places as far from the middle as the points are: they stand for all of them.
+    # Two places as far from the middle as the points are: they represent all of them.
     probes = middle[:, None] + spread[:, None] * np.array((-1.0, 1.0))
     heights = (c / w)[:, None] + slope[:, None] * (probes - middle[:, None])
     # Points on one ray show no surface.

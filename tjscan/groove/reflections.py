@@ -98,7 +98,7 @@ class PointRuns:
     count: Index
     jumps: NDArray[np.bool_]
 
-    def most_per_point(self) -> Array:
+    def largest_cost_per_point(self) -> Array:
         """The most that each point pays, shape (n,): as part of a reflection, if its run jumps."""
         whole = np.minimum(RUN_COST / self.count + POINT_COST, 1.0)
         return np.where(self.jumps, whole, 1.0).repeat(self.count)

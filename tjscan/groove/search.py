@@ -52,7 +52,7 @@ REFUSED_COST_MARGIN: Final = 24.0
 STRAYED_SUPPORT_SHARE: Final = 0.05
 """A refined hypothesis that explains fewer points than before, by this share, has strayed."""
 
-SIDE_COST: Final = 5.0
+COST_PER_SIDE: Final = 5.0
 """What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
 ninety points of a profile are independent."""
 
@@ -96,10 +96,10 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
     if not search.found:
         raise search.explain_missing_groove()
     likeliest = min(search.found, key=lambda fit: fit.cost)
-    best = min(search.sound, key=lambda fit: fit.cost, default=likeliest)
+    best = min(search.supported_fits, key=lambda fit: fit.cost, default=likeliest)
     if best.objection or best.cost > likeliest.cost + REFUSED_COST_MARGIN:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
-    return with_other_readings(best, [fit for fit in search.sound if fit is not best])
+    return with_other_readings(best, [fit for fit in search.supported_fits if fit is not best])
 
 
 class _FitSearch:
@@ -123,7 +123,7 @@ class _FitSearch:
         self._chains = ChainSearch(points, candidates, self._runs, self.tolerance)
 
     @property
-    def sound(self) -> list[GrooveFit]:
+    def supported_fits(self) -> list[GrooveFit]:
         """The fits that the points support."""
         return [fit for fit in self.found if fit.objection is None]
 
@@ -141,7 +141,7 @@ class _FitSearch:
         starts.sort(key=lambda start: start[0])
         settled = None
         for cost, form, chain in starts:
-            if self.sound and cost > starts[0][0] + RIVAL_COST_MARGIN:
+            if self.supported_fits and cost > starts[0][0] + RIVAL_COST_MARGIN:
                 break
             if settled in (None, len(form.sides)):
                 fit = self._refine(form, self._chains.as_polyline(chain))
@@ -219,7 +219,7 @@ class _FitSearch:
 
 def _cost_of_form(model: GrooveModel) -> float:
     """What the sides of a form cost, in outliers."""
-    return SIDE_COST * len(model.sides) + WELD_COST * bool(model.sides[-2].roughness)
+    return COST_PER_SIDE * len(model.sides) + WELD_COST * bool(model.sides[-2].roughness)
 
 
 def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, tolerance: float) -> Array:

@@ -62,14 +62,14 @@ PATCH_SIGMAS, PATCHED_SHARE = 3.5, 0.15
 makes a side patched: single spatter does not."""
 
 UNSEEN_SIDE_SLOPE: Final = 0.04
-"""Slope by which a side may turn where it is not seen: half the angle between two facets that a
+"""Slope by which a side may turn if it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
 
 PULL_PROBABILITY: Final = 0.5
 """Probability that a notch which looks pulled in by light is, and no fillet."""
 
 UNSEEN_FACE_SLOPE: Final = 0.15
-"""Slope by which the face of a bead may turn where it is not seen: it has no plan."""
+"""Slope by which the face of a bead may turn if it is not seen: it has no plan."""
 
 LARGEST_STEP_ON_SURFACE: Final = 0.7e-3
 """Neighbouring points of one surface lie no farther apart, square to it, in metres."""
@@ -78,7 +78,7 @@ FACE_END_SHARE: Final = 0.1
 """A bead's face is no parabola: its ends may lie off one by this share of its height. One that
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
-_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over that of a mean
+_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over a mean's
 
 
 @dataclass(frozen=True, slots=True, eq=False)

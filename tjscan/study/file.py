@@ -118,7 +118,7 @@ def trials_of_study(
     study : StudyFile
         The study.
     study_file : Path
-        Where it was read from; its jobs are sought from there.
+        The file that it was read from; its jobs are sought from there.
     backend_of : callable
         Gives the backend of the study's task.
 
