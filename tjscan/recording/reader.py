@@ -339,15 +339,13 @@ def read_messages(
             channels[record.id] = topic
         elif isinstance(record, Message):
             if record.channel_id not in channels:
-                raise _damage_error(
-                    file, f"a message on channel {record.channel_id}, which is unknown"
-                )
+                why = f"a message on channel {record.channel_id}, which is unknown"
+                raise _damage_error(file, why)
             count.count(record.sequence)
             topic = channels[record.channel_id]
             if topic is not None:
-                yield RecordedMessage(
-                    topic, record.log_time, _decode_message(file, topic, record.data)
-                )
+                content = _decode_message(file, topic, record.data)
+                yield RecordedMessage(topic, record.log_time, content)
     _, following = neighbouring_parts(file)
     count.end(None if following is None else read_header(following))
 
@@ -408,9 +406,7 @@ def _decode_message(file: Path, topic: Topic[Any], data: bytes) -> Any:
         raise _damage_error(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
-def _records_before_messages(
-    file: Path,
-) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
+def _records_before_messages(file: Path) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
     def refuse(reason: str) -> None:
         raise _damage_error(file, reason)
 

@@ -187,9 +187,8 @@ def _section_of_row(row: _SectionRow) -> MeasuredSection:
         raise row.error(f"{index:g} is no whole number", "index")
     R = np.asarray(values["axes"]).T
     if not np.allclose(R.T @ R, np.eye(3), atol=AXES_TOLERANCE) or np.linalg.det(R) < 0:
-        raise row.error(
-            "xg, yg and zg are no right-handed axes", FIELD_BY_NAME["axes"].column_names()[0]
-        )
+        column = FIELD_BY_NAME["axes"].column_names()[0]
+        raise row.error("xg, yg and zg are no right-handed axes", column)
     variances = np.asarray(values["covariances"])[:, VARIANCE_INDICES]
     if (bad := np.argwhere(variances < 0)).size:
         corner, axis = bad[0]
@@ -252,9 +251,8 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
         np.tile(np.arange(1, 6), n)[:, None],
     )
     lines = [" ".join(f"{value:.10g}" for value in row) for row in np.hstack(columns)]
-    return (
-        _ply_head("ascii", provenance, 5 * n, PLY_SECTION_FIELDS) + "\n".join([*lines, ""]).encode()
-    )
+    head = _ply_head("ascii", provenance, 5 * n, PLY_SECTION_FIELDS)
+    return head + "\n".join([*lines, ""]).encode()
 
 
 def _ply_head(

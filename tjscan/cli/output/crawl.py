@@ -120,8 +120,5 @@ def _print_pass_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
         print_message(f"{title}: no pass was welded")
         return
     # Quantities go down and passes across: a terminal is not as wide as the file.
-    print_fields(
-        [(name, *(row[name] for row in rows)) for name in list(rows[0])[1:]],
-        ("", *(f"pass {row['pass']}" for row in rows)),
-        title,
-    )
+    head = ("", *(f"pass {row['pass']}" for row in rows))
+    print_fields([(name, *(row[name] for row in rows)) for name in list(rows[0])[1:]], head, title)

@@ -84,22 +84,16 @@ class CrawlShow:
                 if name not in set(Phase):
                     return step
                 # An event that a phase begins with bears its name: no cycle follows a stop.
-                return replace(
-                    step,
-                    facts={live_step.STATE_FACT: name},
-                    diagram=phase_transition_diagram(Phase(name)),
-                )
+                diagram = phase_transition_diagram(Phase(name))
+                return replace(step, facts={live_step.STATE_FACT: name}, diagram=diagram)
         return live_step.Step()
 
     def _make_scene_setup(self, title: str) -> live_step.SceneSetup:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
         size = (job.vehicle.body_length, job.vehicle.body_width, DRAWN_CRAWLER_HEIGHT)
-        body = Solid(
-            "body",
-            Box(size),
-            pose(p=(0.0, 0.0, DRAWN_CRAWLER_CLEARANCE + 0.5 * DRAWN_CRAWLER_HEIGHT)),
-        )
+        height = DRAWN_CRAWLER_CLEARANCE + 0.5 * DRAWN_CRAWLER_HEIGHT
+        body = Solid("body", Box(size), pose(p=(0.0, 0.0, height)))
         torch = Solid("torch", Cylinder(0.012, 0.25), pose(p=(0.0, 0.0, 0.125)))
         ends = np.array([(-before, 0.0, 0.0), (length + job.weld.run_up, 0.0, 0.0)])
         weld = np.array([(0.0, 0.0, 0.0), (length, 0.0, 0.0)])

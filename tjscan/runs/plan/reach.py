@@ -37,11 +37,7 @@ from tjscan.robot.collision import SCANNED_GROOVE_NAME
 from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_JOINT_TURN, linear_waypoints
-from tjscan.robot.tool_reach import (
-    NEAR_SINGULARITY_TEXT,
-    Hindrance,
-    ToolConfigurations,
-)
+from tjscan.robot.tool_reach import NEAR_SINGULARITY_TEXT, Hindrance, ToolConfigurations
 from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.journal import grid_triangles
 
@@ -330,9 +326,8 @@ class _TorchLeader:
 
     def _refuse_hindered_pose(self, q: Array, T_b_f: Array, where: str) -> None:
         arm, least = self._station.kinematics, self._station.job.clearance.singular
-        reason = (
-            NEAR_SINGULARITY_TEXT if arm.smallest_singular_value(q) < least else self._hindrance(q)
-        )
+        is_singular = arm.smallest_singular_value(q) < least
+        reason = NEAR_SINGULARITY_TEXT if is_singular else self._hindrance(q)
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 
