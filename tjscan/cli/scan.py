@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from tjscan.cli.options.overrides import JobKeys, parse_overrides
-from tjscan.cli.options.page import LiveScanOptions
+from tjscan.cli.options.shared import JobKeys, LiveScanOptions, parse_overrides
 from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
 from tjscan.result.directory import default_run_directory
@@ -75,7 +74,7 @@ def scan(
     file = job / "job.toml" if resume else job
     parsed = read_scan_job(file, keys)
     page = page or LiveScanOptions()
-    page.check()
+    page.check_options()
     # A job with a mistake in it is refused before anything heavy is loaded.
 
     with show_phase("loading arm and laser"):

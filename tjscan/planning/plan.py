@@ -56,7 +56,7 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     wps : WeldingProcedure
         Its windows.
     """
-    table, limits = wps.limits(open_root=bead.open_root)
+    table, limits = wps.limits_of_bead(open_root=bead.open_root)
     checks: tuple[tuple[str, FileUnit, Array, tuple[float, float]], ...] = (
         (f"{table}.wire_feed", M_PER_MIN, np.full_like(bead.speed, bead.feed), limits.wire_feed),
         (f"{table}.travel_speed", MM_PER_MIN, bead.speed, limits.travel_speed),

@@ -322,7 +322,7 @@ class WeldingProcedure(StrictFileModel):
             )
         return self
 
-    def limits(self, *, open_root: bool) -> tuple[str, ArcSettings | RootSettings]:
+    def limits_of_bead(self, *, open_root: bool) -> tuple[str, ArcSettings | RootSettings]:
         """Table, and its name, that holds the windows of a bead's feed, speed and heat input.
 
         Parameters

@@ -105,7 +105,9 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
         axes.set_xlabel(label)
     panels[0, 0].legend(fontsize=8)
     designed = "" if design is None else " Dashed: the joint as designed, cut by the same planes."
-    every = ((field, field.values(sections)) for field in result_section.MEASURE_FIELDS)
+    every = (
+        (field, field.values_in_file_units(sections)) for field in result_section.MEASURE_FIELDS
+    )
     ranges = (f"{field.chart_title} {y.min():.1f} to {y.max():.1f}" for field, y in every)
     return picture.inline_figure(
         figure,

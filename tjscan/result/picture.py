@@ -74,7 +74,7 @@ def draw_groove_3d(
     corners = 1e3 * np.array([section.points for section in sections])
     for k in (1, 2, 3):
         axes.plot(*corners[:, k].T, color=CORNER_COLOUR, linewidth=0.6)
-    angles = MEASURE_FIELDS[0].values(sections)
+    angles = MEASURE_FIELDS[0].values_in_file_units(sections)
     scale = Normalize(angles.min(), max(angles.max(), angles.min() + 1e-3))
     for section, angle in zip(corners, angles, strict=True):
         axes.plot(*section.T, color=colormaps[ANGLE_COLOURS](scale(angle)), linewidth=1.6)

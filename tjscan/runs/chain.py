@@ -226,22 +226,20 @@ def mount_error_in_words(outcome: ChainOutcome) -> str:
     return f"{position:.3f} mm, {turn:.3f}°"
 
 
+def _simulation_keys(table: str, *keys: str) -> tuple[str, ...]:
+    return tuple(f"simulation.{table}.{key}" for key in keys)
+
+
 KEYS_OF_ERROR_SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
-    "arm: zeros, lengths, twists": (
-        "simulation.arm.errors.offset_deg",
-        "simulation.arm.errors.length_mm",
-        "simulation.arm.errors.twist_deg",
+    "arm: zeros, lengths, twists": _simulation_keys(
+        "arm.errors", "offset_deg", "length_mm", "twist_deg"
     ),
-    "arm: gears": ("simulation.arm.errors.eccentricity_deg", "simulation.arm.errors.backlash_deg"),
-    "arm: warmth": ("simulation.arm.errors.growth",),
-    "arm: repeatability": ("simulation.arm.repeatability_mm", "simulation.arm.repeatability_deg"),
-    "laser: scale, tilt, lens": ("simulation.laser.linearity_mm",),
-    "laser: noise, bias, outliers": (
-        "simulation.laser.noise_mm",
-        "simulation.laser.bias_mm",
-        "simulation.laser.ghosts",
-        "simulation.laser.flyers",
-        "simulation.laser.missing",
+    "arm: gears": _simulation_keys("arm.errors", "eccentricity_deg", "backlash_deg"),
+    "arm: warmth": _simulation_keys("arm.errors", "growth"),
+    "arm: repeatability": _simulation_keys("arm", "repeatability_mm", "repeatability_deg"),
+    "laser: scale, tilt, lens": _simulation_keys("laser", "linearity_mm"),
+    "laser: noise, bias, outliers": _simulation_keys(
+        "laser", "noise_mm", "bias_mm", "ghosts", "flyers", "missing"
     ),
 }
 """Sources of error, and the keys that switch each of them off if they are zero."""

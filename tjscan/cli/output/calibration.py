@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.calibration.file import ResidualEntry, SavedCalibration
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.shared import LiveOptions
 from tjscan.cli.output.console import print_figures_table, print_message
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import CalibrationJob, RecordedJob
@@ -65,7 +65,7 @@ def choose_operator(
         from tjscan.runs.live.calibration import operator_on_page
 
         with operator_on_page(
-            job, job_file, page.where, print_message, ctrl_c_presser()
+            job, job_file, page.page_address, print_message, ctrl_c_presser()
         ) as operator:
             yield operator
     else:

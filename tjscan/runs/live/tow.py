@@ -62,7 +62,7 @@ class TowShow:
         self._began: float | None = None
         self.setting = self._make_scene_setup(title)
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case TowCycle():

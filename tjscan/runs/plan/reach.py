@@ -70,7 +70,7 @@ class WeldingStation:
     kinematics: Kinematics
     T_b_r: Array
 
-    def make_hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
+    def hindrance_check(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
         """What keeps the arm with a torch from a configuration.
 
         The solids of the job, whose frame w is known if the job states the joint's pose in
@@ -357,9 +357,9 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
     arm, singular = station.kinematics, station.job.clearance.singular
-    wary = station.make_hindrance(torch, groove, EXTRA_COLLISION_MARGIN)
+    wary = station.hindrance_check(torch, groove, EXTRA_COLLISION_MARGIN)
     holds = ToolConfigurations(arm, torch.tcp.T, T, wary, singular=singular, closed=edges.closed)
-    hindrance = station.make_hindrance(torch, groove, 0.0)
+    hindrance = station.hindrance_check(torch, groove, 0.0)
     return StationReach(station, hindrance, places, edges.length, holds)
 
 
