@@ -258,10 +258,10 @@ DISTURBANCES: Final[dict[str, tuple[Callable[[Generator], Disturb], set[str]]]] 
     "drives backwards": (_drive_backwards, {"off plan"}),
     "drives crooked": (_drive_crooked, {"off plan"}),
     "turns on the spot": (_turn_on_the_spot, {"off plan"}),
-    "does not move, and does not report it": (_stand, {"stands"}),
-    "jams, and reports it": (_jam, {"stands"}),
+    "does not move, and does not report it": (_stand, {"stopped"}),
+    "jams, and reports it": (_jam, {"stopped"}),
     "slips by half": (partial(_slip, 0.35, 0.7), {"slips"}),
-    "spins and does not move": (partial(_slip, 0.95, 1.0), {"slips", "stands"}),
+    "spins and does not move": (partial(_slip, 0.95, 1.0), {"slips", "stopped"}),
     "is carried aside": (_carry_aside, {"moved", "slips"}),
     "is pushed": (_push, {"moved"}),
     "encoders show a standstill": (_stop_encoders, {"moved"}),
@@ -274,7 +274,7 @@ DISTURBANCES: Final[dict[str, tuple[Callable[[Generator], Disturb], set[str]]]] 
 }
 """What is wrong, and the names under which that may be noticed."""
 
-OWN_NAMES: Final = ("off plan", "stands", "slips", "moved", "noisy poses", "no pose")
+OWN_NAMES: Final = ("off plan", "stopped", "slips", "moved", "noisy poses", "no pose")
 
 
 def causes_named(tow: DisturbedTow, until: float) -> dict[str, set[str]]:

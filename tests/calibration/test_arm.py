@@ -103,8 +103,8 @@ def test_what_can_not_be_told_is_named_and_left() -> None:
     found = calibrated_once(1)
     said = "\n".join(found.undetermined)
     assert "joint 1: length x, length y, length z, twist x, twist y, offset" in said
-    assert "can't be told from where the target is" in said
-    assert "joint 6: length z, offset can't be told from how the sensor sits" in said
+    assert "not separable from where the target is" in said
+    assert "joint 6: length z, offset not separable from how the sensor sits" in said
     sigma = np.sqrt(np.diag(found.estimate.covariance))[6:42].reshape(6, 6)
     np.testing.assert_allclose(sigma[0], SIGMAS[0], rtol=0.05)
     assert np.abs(found.estimate.deviations[0] / SIGMAS[0]).max() < 0.1

@@ -17,7 +17,7 @@ def entry(**changes: object) -> ArmKinematicsEntry:
         model="ur10e",
         deviations=tuple(map(tuple, deviations.tolist())),
         covariance=rows_in_file_units(1e-8 * root @ root.T, axes=2),
-        left_as_stated=("joint 1: offset can't be told from where the target is",),
+        left_as_stated=("joint 1: offset not separable from where the target is",),
         held_out_poses=10,
         held_out_before_mm=0.3,
         held_out_after_mm=0.08,

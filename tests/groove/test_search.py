@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.candidates import BEAD, CANDIDATE_KINDS, propose_candidates
+from tjscan.groove.candidates import BEAD_KIND, CANDIDATE_KINDS, propose_candidates
 from tjscan.groove.chains import LEAST_SUPPORT_SHARE, SIDE_LENGTH_SLACK, ChainSearch, kinds_of_sides
 from tjscan.groove.pieces import (
     LEAST_UNEVENNESS,
@@ -119,7 +119,7 @@ def test_a_candidate_is_the_curve_that_it_is_drawn_as(radius: float) -> None:
     points = project_points(row, DEFAULT_SETTINGS.noise)
     pieces = find_pieces(points, find_runs(row.points, row.columns), NOISE_INFLATION)
     candidates = propose_candidates(points, pieces, NOISE_INFLATION)
-    length = (candidates.last - candidates.first) * (candidates.kind == BEAD)
+    length = (candidates.last - candidates.first) * (candidates.kind == BEAD_KIND)
     longest = int(length.argmax())
     curve = candidates.as_curves([longest])[0]
     assert np.abs(curve.signed_distances(row.points)).max() < 0.02 * MM

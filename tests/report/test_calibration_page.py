@@ -149,7 +149,7 @@ def test_a_ball_and_an_arm_are_shown_with_what_was_stated(
         deviations=(6 * (0.0,),) * 6,
         covariance=rows_in_file_units(np.eye(42), axes=2),
         left_as_stated=(
-            "joint 1: length x can't be told from where the ball is: left as the maker states",
+            "joint 1: length x not separable from where the ball is: left as the maker states",
         ),
         held_out_poses=12,
         held_out_before_mm=0.4,
@@ -162,7 +162,7 @@ def test_a_ball_and_an_arm_are_shown_with_what_was_stated(
     assert "0.400 → 0.100 mm RMS" in dict(chapter.sheet.headline).values()
     facts = dict(chapter.facts)
     assert facts["radius of the ball"] == "measured 39.974 ± 0.054 mm, stated 40.000 mm"
-    assert "joint 1: length x can't be told from where the ball is" in facts["arm"]
+    assert "joint 1: length x not separable from where the ball is" in facts["arm"]
 
 
 def test_a_file_of_an_earlier_version_shows_what_it_holds(

@@ -238,7 +238,7 @@ def _profile_from_points(points: ArrayLike | Profile) -> Profile:
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise ValueError(f"a profile is of shape (n, 2) or (n, 3), not {array.shape}")
     if array.shape[1] == 3 and np.nanmax(np.abs(array[:, 1]), initial=0.0) > OFF_PLANE_TOLERANCE:
-        raise ValueError("the points lie off the laser plane: y must be 0")
+        raise ValueError("the points are off the laser plane: y must be 0")
     return Profile(array[:, 0], array[:, -1])
 
 

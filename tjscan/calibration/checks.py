@@ -68,7 +68,7 @@ def check_poses_fix_hand_eye(T_b_f: Array, u_b: Array | None, R_f_s: Array | Non
     _, singular, axes = np.linalg.svd(turns, full_matrices=True)
     spread = singular / np.sqrt(len(turns))
     if spread[0] < MIN_RMS_FLANGE_TURN:
-        advised = "the flange's axes that lie along the board"
+        advised = "the flange's axes that are parallel to the board"
         if R_f_s is not None:
             advised = "the sensor's x and y axes"
         raise CalibrationRefused(

@@ -307,10 +307,10 @@ def report(
     """
     with show_phase("writing the report"):
         from tjscan.comparison.shapes import UserUnitAndFrame
-        from tjscan.report.plan_page import PLAN, write_plan_page
+        from tjscan.report.plan_page import PLAN_FILE, write_plan_page
         from tjscan.report.write import write_run_report
 
-        if (run / PLAN).is_file():
+        if (run / PLAN_FILE).is_file():
             print_message(f"written to {write_plan_page(run)}")
             if reference is None and not (run / SUMMARY_FILE).is_file():
                 return  # the plan is not in the directory of its run

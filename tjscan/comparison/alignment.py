@@ -111,7 +111,7 @@ def nearest_point_finder_in_cloud(points: Array) -> NearestOnReference:
     spread = np.linalg.eigvalsh(np.asarray(cloud.covariances))
     if np.median(spread[:, 1]) < LINE_VARIANCE_RATIO * np.median(spread[:, 2]):
         raise ComparisonRefused(
-            "the reference's points lie on separate lines, which give no direction across: align "
+            "the reference's points are on separate lines, which give no direction across: align "
             "to a mesh or to a denser cloud"
         )
     cloud.estimate_normals(nearest)
@@ -175,7 +175,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
     fitness = float(held.mean())
     if fitness < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(
-            f"only {100 * fitness:.0f} % of the points come to lie on the reference, "
+            f"only {100 * fitness:.0f} % of the points are on the reference after alignment, "
             f"{100 * LEAST_PARTNER_SHARE:.0f} % must: they show something else for the most part"
         )
     residual = float(np.sqrt(np.mean(off[held] ** 2)))
@@ -187,7 +187,7 @@ def _check_enough_points_near(near: Mask, when: str, causes: str) -> None:
     """Refuse points if too few are near the reference."""
     if near.mean() < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(
-            f"{100 * near.mean():.0f} % of the points lie within "
+            f"{100 * near.mean():.0f} % of the points are within "
             f"{1e3 * MOST_PARTNER_DISTANCE:.0f} mm of the reference{when}, "
             f"{100 * LEAST_PARTNER_SHARE:.0f} % must: {causes}"
         )

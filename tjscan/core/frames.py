@@ -32,7 +32,7 @@ ARRAY_DTYPES: Final[dict[str, type[np.generic]]] = {
 
 T = TypeVar("T")
 
-_NEXT, _NEXT_BUT_ONE = np.array((1, 2, 0)), np.array((2, 0, 1))
+_IN_YZX, _IN_ZXY = np.array((1, 2, 0)), np.array((2, 0, 1))
 
 ROTATION_ROUNDING: Final = 1e-3
 """How far from orthonormal a rotation printed with four decimals may be."""
@@ -107,7 +107,7 @@ def cross(a: Array, b: Array) -> Array:
     -----
     `numpy.cross` allows for so much else that it takes ten times as long for a few vectors.
     """
-    return np.asarray(a[..., _NEXT] * b[..., _NEXT_BUT_ONE] - a[..., _NEXT_BUT_ONE] * b[..., _NEXT])
+    return np.asarray(a[..., _IN_YZX] * b[..., _IN_ZXY] - a[..., _IN_ZXY] * b[..., _IN_YZX])
 
 
 def skew_matrix(v: ArrayLike) -> Array:

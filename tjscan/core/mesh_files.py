@@ -188,7 +188,7 @@ def _check_vertex_count(path: Path, count: int) -> None:
     stated = [words[2] for words in lines if words[:2] == ["element", "vertex"] and words[2:]]
     if stated != [str(count)]:
         raise ConfigurationError(
-            f"is cut off: it holds {count} vertices, its header says {', '.join(stated)}",
+            f"is cut off: it holds {count} vertices, its header states {', '.join(stated)}",
             file=path,
         )
 

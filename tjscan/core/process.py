@@ -149,4 +149,4 @@ class ClientProcess:
         self._output.seek(0)
         last = self._output.read().decode(errors="replace").strip()[-QUOTED_OUTPUT_CHARACTERS:]
         self.close()
-        return f" It said: {' / '.join(last.splitlines())}." if last else ""
+        return f" Its last output: {' / '.join(last.splitlines())}." if last else ""

@@ -133,11 +133,11 @@ class WheelWatch:
         """The error that names the wheel that is farther off."""
         which = int(np.abs(self._behind).argmax())
         side, wanted, speed = ("left", "right")[which], *(one[which] for one in self._last)
-        stands = abs(speed) < STANDING_SHARE * abs(wanted)
+        at_rest = abs(speed) < STANDING_SHARE * abs(wanted)
         return CrawlStopped(
             "encoder",
-            f"the {side} track {'stands still' if stands else 'runs wrongly'}, or its encoder is "
-            f"{'dead' if stands else 'stuck or wrong'}: it shows {1e3 * speed:.1f} mm/s, and was "
+            f"the {side} track {'does not move' if at_rest else 'runs wrongly'}, or its encoder is "
+            f"{'dead' if at_rest else 'stuck or wrong'}: it shows {1e3 * speed:.1f} mm/s, and was "
             f"asked for {1e3 * wanted:.1f}. Look at the encoder's cable, the motor and the brake "
             "of that track",
         )

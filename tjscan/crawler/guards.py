@@ -228,7 +228,7 @@ class Guards:
         if abs(d) > settings.field:
             raise CrawlStopped(
                 "joint at the edge",
-                f"the joint lies {1e3 * abs(d):.0f} mm off the middle of the laser's line, more "
+                f"the joint is {1e3 * abs(d):.0f} mm off the middle of the laser's line, more "
                 f"than {1e3 * settings.field:g} mm: the vehicle does not follow it",
             )
 

@@ -44,7 +44,7 @@ CANDIDATE_KINDS: Final = (
     CandidateKind(100.0, 0.14e-3, 4),
     CandidateKind(30.0, range_reach=WELD_ROUGHNESS),
 )
-STRAIGHT, BENT, BEAD, WELD = range(len(CANDIDATE_KINDS))
+STRAIGHT_KIND, BENT_KIND, BEAD_KIND, WELD_KIND = range(len(CANDIDATE_KINDS))
 """Kinds of candidates: walls and bevels; legs; faces of a root; welds that fill the groove."""
 
 MOST_CANDIDATES: Final = 48
@@ -117,8 +117,8 @@ class CandidateSides:
         u = np.array((self.first, 0.5 * (self.first + self.last), self.last)).T
         y, _ = self.heights_and_slopes(u)
         bow = np.abs(y[:, 1] - 0.5 * (y[:, 0] + y[:, 2])) / (y[:, 1] * self.steepness)
-        farthest = np.where(self.kind == BEAD, FACE_BLUNTNESS * bow, 0.0)
-        farthest[self.kind == WELD] = WELD_ROUGHNESS
+        farthest = np.where(self.kind == BEAD_KIND, FACE_BLUNTNESS * bow, 0.0)
+        farthest[self.kind == WELD_KIND] = WELD_ROUGHNESS
         return np.maximum(np.minimum(ROUGH_REACH_SIGMAS * self.roughness, farthest), tolerance)
 
     def as_curves(self, chain: list[int]) -> tuple[CubicCurve, ...]:

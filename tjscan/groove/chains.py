@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.candidates import (
-    BEAD,
-    BENT,
+    BEAD_KIND,
+    BENT_KIND,
     CANDIDATE_KINDS,
-    STRAIGHT,
-    WELD,
+    STRAIGHT_KIND,
+    WELD_KIND,
     CandidateSides,
 )
 from tjscan.groove.pieces import ProjectivePoints
@@ -233,8 +233,9 @@ def kinds_of_sides(model: GrooveModel) -> list[tuple[int, ...]]:
     """Which kinds each side may be of; the face of a bead may as well be straight."""
     kinds: list[tuple[int, ...]] = []
     for side in model.sides:
-        bent = BENT if side.bend > 2 * CANDIDATE_KINDS[STRAIGHT].bend else STRAIGHT
-        kinds.append(((WELD,) if side.roughness else (STRAIGHT, BEAD)) if side.bead else (bent,))
+        bent = BENT_KIND if side.bend > 2 * CANDIDATE_KINDS[STRAIGHT_KIND].bend else STRAIGHT_KIND
+        bead = (WELD_KIND,) if side.roughness else (STRAIGHT_KIND, BEAD_KIND)
+        kinds.append(bead if side.bead else (bent,))
     return kinds
 
 

@@ -177,7 +177,7 @@ def _check_shape(section: GrooveSection, points: Array) -> None:
     if section.depth < least or section.area <= 0:
         raise GrooveNotFound(
             "no bevel",
-            f"what lies between wall and leg is {1e3 * max(section.depth, 0.0):.1f} mm deep: the "
+            f"the groove between wall and leg is {1e3 * max(section.depth, 0.0):.1f} mm deep: the "
             "groove is already welded, or there is none",
             points,
         )

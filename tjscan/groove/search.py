@@ -117,7 +117,7 @@ class _FitSearch:
         points = project_points(row, settings.noise)
         pieces = find_pieces(points, self._runs, NOISE_INFLATION)
         if not len(pieces.first):
-            raise GrooveNotFound("no bevel", "all points lie on a few rays", row.points)
+            raise GrooveNotFound("no bevel", "all points are on a few rays", row.points)
         candidates = propose_candidates(points, pieces, NOISE_INFLATION)
         self._chains = ChainSearch(points, candidates, self._runs, self.tolerance)
 
@@ -211,7 +211,7 @@ class _FitSearch:
         names = ", ".join(side.name for side in model.sides)
         return GrooveNotFound(
             "no bevel",
-            f"no {names} that meet one after the other (with x_s up, the {first} lies at high x_s)",
+            f"no {names} that meet one after the other (with x_s up, the {first} is at high x_s)",
             points,
         )
 
@@ -283,7 +283,7 @@ def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
     fitted, model = found.fitted, found.model
     for side, count, share in zip(model.sides, fitted.counts, fitted.inlier_shares, strict=True):
         if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
-            return f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
+            return f"only {count} points, {share:.0%} of those seen there, are on the {side.name}"
     ends = [
         (a.tangent_at(s), b.tangent_at(r))
         for (a, b), (s, r) in zip(pairwise(fitted.curves), fitted.places, strict=True)
@@ -304,5 +304,5 @@ def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
     smooth = np.array([not side.roughness for side in model.sides]).repeat(np.diff(fitted.edges))
     rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep & smooth] ** 2)))
     if rms > settings.largest_rms:
-        return f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them"
+        return f"the points are {1e3 * rms:.2f} mm (rms) off the sides fitted to them"
     return None

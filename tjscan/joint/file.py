@@ -104,7 +104,7 @@ def _check_tubes(d: JointDefinition) -> None:
     if not LEAST_BRACE_ANGLE <= d.angle <= MOST_BRACE_ANGLE:
         _raise_wrong_key(
             "brace.angle_deg",
-            f"{_to_deg(d.angle)} is out of range; the angle on the heel side lies between "
+            f"{_to_deg(d.angle)} is out of range; the angle on the heel side is between "
             f"{_to_deg(LEAST_BRACE_ANGLE)} and {_to_deg(MOST_BRACE_ANGLE)}",
         )
 

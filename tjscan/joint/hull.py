@@ -122,7 +122,7 @@ class HullJoint(SettingsTable):
                 "least that, or the angle smaller"
             )
         if self.radius is not None and not abs(self.radius) >= 1.0:
-            raise ValueError("radius_m is 1 or more, below zero where the joint bends to the left")
+            raise ValueError("radius_m is 1 or more, below zero if the joint bends to the left")
 
     @property
     def root_gap(self) -> float:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 from zlib import crc32
 
+from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
@@ -37,6 +38,12 @@ _CHUNK_START_PATTERN: Final = re.compile(
     rb"\x06(?=.{3}\x00{5}.{16}.{3}\x00{5}.{4}\x00{4}.{3}\x00{5})", re.DOTALL
 )
 """An uncompressed chunk of less than 16 MB."""
+
+OLD_RECORDING_ADVICE: Final = (
+    "Recordings of versions before 0.1.0 can't be read: use the results beside it, or record again"
+)
+"""Formats 1, 2 and 3 of those versions were never released: the first has no head, all state
+version 0.1.0, and none has the schemas that are named after dataclasses."""
 
 MAX_FILE_BYTES: Final = 2_000_000_000
 """A larger file is no recording: an hour of scanning takes a tenth of it."""
@@ -61,6 +68,16 @@ class _CutOffError(Exception):
 
 _RECORD_ERRORS: Final = (_CutOffError, struct.error, ValueError, OverflowError, McapError)
 """Errors of a record that is cut off or damaged."""
+
+_MESSAGE_ERRORS: Final = (
+    KeyError,
+    ValueError,
+    TypeError,
+    OverflowError,
+    RecursionError,
+    DecodeError,
+)
+"""Errors of bytes that are no message of a topic."""
 
 
 def read_mcap_records(
@@ -334,7 +351,7 @@ def read_messages(
                 raise _damage_error(
                     file,
                     f"{topic.name} holds {found[0]} in {found[1]}, not {topic.schema_name} in "
-                    f"{topic.message_encoding}",
+                    f"{topic.message_encoding}. {OLD_RECORDING_ADVICE}",
                 )
             channels[record.id] = topic
         elif isinstance(record, Message):
@@ -402,7 +419,7 @@ def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING_KIND) -> JobSn
 def _decode_message(file: Path, topic: Topic[Any], data: bytes) -> Any:
     try:
         return topic.decode(data)
-    except (KeyError, ValueError, TypeError, OverflowError) as error:
+    except _MESSAGE_ERRORS as error:
         raise _damage_error(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
@@ -427,7 +444,7 @@ def _read_records(
                 elif header is None:
                     name = record.name if isinstance(record, Metadata) else ""
                     if name != RecordingHeader.record_name:
-                        raise ValueError("its head is missing")
+                        raise ValueError(f"its head is missing. {OLD_RECORDING_ADVICE}")
                     header = RecordingHeader.from_metadata(record.metadata)
                     _check_format(file, header)
                     yield header
@@ -456,13 +473,12 @@ def _check_program(file: Path, header: McapHeader) -> None:
 
 
 def _check_format(file: Path, head: RecordingHeader) -> None:
-    if head.format < 1:
-        raise _damage_error(file, f"its format is {head.format}")
-    if head.format > FORMAT_VERSION:
+    if head.format != FORMAT_VERSION:
+        newer = f"Install {PROGRAM_NAME} {head.version} or newer"
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "
-            f"version reads format {FORMAT_VERSION} only. Install {PROGRAM_NAME} {head.version} "
-            "or newer"
+            f"version reads format {FORMAT_VERSION} only. "
+            f"{OLD_RECORDING_ADVICE if head.version == '0.1.0' else newer}"
         )
 
 

@@ -113,7 +113,7 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
         figure,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND_SIGMAS:g} standard "
-        f"deviations. Where the root is not seen, only the angle is known.{designed}",
+        f"deviations. If the root is not seen, only the angle is known.{designed}",
         f"Four charts along the groove: {', '.join(ranges)}.",
         vector=True,
     )
@@ -240,9 +240,7 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
             picture.draw_line_with_dots(panels[1], x, off, colour, shown)
         panels[1].axhline(0, color="grey", linewidth=0.8)
         panels[1].set_ylabel("high-low / mm")
-        high_low = (
-            " High-low: how far the tubes stand out of where they are drawn, positive outwards."
-        )
+        high_low = " High-low: how far the tubes are off their drawn places, positive outwards."
     for axes in panels:
         if axes.get_legend_handles_labels()[0]:
             axes.legend(fontsize=8, ncols=3)
@@ -250,7 +248,7 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
     return picture.inline_figure(
         figure,
         "Fit-up, unrolled",
-        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one. Bars are "
+        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections are on one. Bars are "
         f"± {BAND_SIGMAS:g} standard deviations.{high_low}",
         f"Charts along the groove of the root{high_low and ' and of high-low'}, "
         f"{int(tacked.sum())} sections on tack welds.",
@@ -273,7 +271,7 @@ def draw_deviation_map(data: ReportData) -> picture.ReportPicture | None:
     if comparison is None or comparison.reference.stated.frame != "j":
         return None
     kind = comparison.deviations[0]
-    sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
+    sign = "red is outside the reference, blue inside" if kind.signed else "it has no sign"
     return picture.inline_figure(
         comparison.plot().figure,
         "Deviation from the reference, unwrapped over the azimuth",

@@ -112,7 +112,7 @@ def _comparison_findings(comparison: Comparison) -> Iterator[str]:
         over = int((deviation.known > comparison.tolerance).sum())
         if over:
             yield (
-                f"{over} of {len(deviation.known)} corners lie farther than "
+                f"{over} of {len(deviation.known)} corners are farther than "
                 f"{1e3 * comparison.tolerance:g} mm from {comparison.reference.name}."
             )
     yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in comparison.warnings)
@@ -207,10 +207,10 @@ def _deviation_headline(comparison: Comparison) -> HeadlineNumber:
     corners = [d for d in comparison.deviations if d.kind.startswith("corners")]
     if corners:
         s = corners[0].statistics
-        value, what = s.p95, f"95 % of the corners lie closer to {reference}; {s.mean:.2f} mean"
+        value, what = s.p95, f"95 % of the corners are closer to {reference}; {s.mean:.2f} mean"
     else:
         value = 1e3 * float(np.median(np.abs(comparison.deviations[0].known)))
-        what = f"half of the points lie closer to {reference}"
+        what = f"half of the points are closer to {reference}"
     if comparison.tolerance is None:
         return HeadlineNumber(f"{value:.2f} mm", what)
     verdict = "within" if comparison.passed else "OUTSIDE"

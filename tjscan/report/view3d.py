@@ -24,7 +24,7 @@ from tjscan.result.wireframe import joint_ghost_mesh, joint_wireframe
 MOST_SHOWN_POINTS: Final = 40_000
 """A page of more would be slow, and too large."""
 
-SEQUENTIAL, DIVERGING = "viridis", "coolwarm"
+SEQUENTIAL_COLOURS, DIVERGING_COLOURS = "viridis", "coolwarm"
 SCALE_SHADES: Final = 9
 """Between which the page mixes colours."""
 
@@ -102,7 +102,7 @@ def _section_quantity(
     known = values[~np.isnan(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     limits = (round(low, 4), round(max(high, low + 1e-3), 4))
-    return _quantity_with_scale(name, unit, limits, SEQUENTIAL) | {
+    return _quantity_with_scale(name, unit, limits, SEQUENTIAL_COLOURS) | {
         "values": [None if np.isnan(value) else round(float(value), 4) for value in values],
         "sigmas": None if sigmas is None else [round(float(sigma), 4) for sigma in sigmas],
     }
@@ -121,7 +121,7 @@ def _point_deviation_quantity(deviation: DeviationDistances) -> dict[str, Any]:
     """What points are coloured by."""
     scale = round(deviation_scale_mm(deviation), 3)
     limits = (-scale if deviation.signed else 0.0, scale)
-    colours = DIVERGING if deviation.signed else SEQUENTIAL
+    colours = DIVERGING_COLOURS if deviation.signed else SEQUENTIAL_COLOURS
     return _quantity_with_scale(f"deviation, {deviation.kind}", "mm", limits, colours)
 
 

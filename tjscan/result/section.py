@@ -283,7 +283,7 @@ MEASURE_MEANINGS: Final = {
     "root_width": (
         MM,
         "distance between p3 and p4: across the face of the root bead, or of the root opening "
-        "where no bead is laid yet",
+        "if no bead is laid yet",
     ),
     "depth": (MM, "distance of the middle of p3 and p4 behind the brace's wall"),
     "area": (MM2, "of the quadrilateral of the origin of g, p2, p3 and p4"),
@@ -316,7 +316,7 @@ SECTION_FIELDS: Final = (
     ),
     SectionQuantity(
         "azimuth",
-        "about the brace's axis from the crown; empty where no joint is known",
+        "about the brace's axis from the crown; empty if no joint is known",
         DEG,
         bounds=(-360, 360),
         blank=True,
@@ -419,7 +419,7 @@ SECTION_FIELDS: Final = (
     ),
     SectionQuantity(
         "root_opening",
-        "distance of an open root's edge from the leg, empty where the root is not open; its "
+        "distance of an open root's edge from the leg, empty if the root is not open; its "
         "standard deviation is sigma_root_width",
         MM,
         bounds=ZERO_OR_MORE,

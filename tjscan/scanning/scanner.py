@@ -114,7 +114,7 @@ class Scanner:
         Raises
         ------
         JointMoved
-            If the last section lies elsewhere now, or is not found any more.
+            If the last section is elsewhere now, or is not found any more.
         PoseUnreachable
             Before anything moves, if the arm can't get from where it is into the
             configuration that it scanned in.
@@ -374,7 +374,7 @@ class Scanner:
         moved = float(apart[known].max(initial=apart.min()))
         if moved > tolerance:
             raise errors.JointMoved(
-                f"the last section lies {1e3 * moved:.2f} mm from where it was, "
+                f"the last section is {1e3 * moved:.2f} mm from where it was, "
                 f"{1e3 * tolerance:.2f} mm are allowed"
             )
         return moved
@@ -388,7 +388,7 @@ class Scanner:
         if forward < 0.1 * self._plan.step:
             apart = 1e3 * float(np.linalg.norm(second[:3, 3] - first[:3, 3]))
             raise errors.ConfigurationError(
-                f"the second taught section lies {apart:.1f} mm from the first, "
+                f"the second taught section is {apart:.1f} mm from the first, "
                 f"{'behind it' if forward < 0 else 'too close'} for a {self._plan.direction} scan; "
                 "teach the second pose about one step further on, or turn the direction",
                 key="scan.second",

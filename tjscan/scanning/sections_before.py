@@ -61,7 +61,7 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
     away = min(float(np.linalg.norm(p_b - start)) for start in starts)
     if not away <= FARTHEST_SET_POINT_STEPS * step.length:  # a length that is no number allows none
         raise SetPointRefused(
-            f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
+            f"it is {1e3 * away:.1f} mm from the last section, after a step of "
             f"{1e3 * step.length:.1f} mm"
         )
     T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
@@ -284,7 +284,7 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
         and aside < most_aside
     ):
         raise _implausible_reading(
-            f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
+            f"what was read is {1e3 * ahead:.1f} mm ahead of the last section and "
             f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made"
         )
     turn = rotation_angle_between(step.last.T_b_g, found.T_b_g)
@@ -376,7 +376,7 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
     if (aside > allowed).any():
         k = int((aside - allowed).argmax())
         raise _implausible_reading(
-            f"its corners lie {1e3 * aside[k]:.1f} mm from where the prediction view showed them, "
+            f"its corners are {1e3 * aside[k]:.1f} mm from where the prediction view showed them, "
             f"{1e3 * allowed[k]:.1f} mm are plausible"
         )
 

@@ -251,7 +251,7 @@ def _solve_section_and_pose(
         section, R_b_s = found, turned @ R_s_t.T
         if moved < CONVERGED_VIEW_STEP:
             return section, SetPoint(pose(turned, T_b_t[:3, 3]), T_s_t)
-    raise TubesNotFound("no section of the seam lies a step further on")
+    raise TubesNotFound("no section of the seam is a step further on")
 
 
 def _nearest_rotation(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Array:

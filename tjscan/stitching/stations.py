@@ -219,7 +219,7 @@ def _check_nominal_poses_agree(first: StationTubeFit, other: StationTubeFit) -> 
     if (turned := frames.rotation_angle_between(a, b)) > LARGEST_POSE_DISAGREEMENT:
         raise StitchingRefused(
             "nominal poses disagree",
-            f"by where their bases were meant to stand, stations {first.station.name} and "
+            f"by the nominal places of their bases, stations {first.station.name} and "
             f"{other.station.name} see the joint turned by {np.degrees(turned):.0f}°, "
             f"{np.degrees(LARGEST_POSE_DISAGREEMENT):.0f}° are allowed: which side of it each saw "
             "stays open. Put euler_zyx_deg of their [[station]] right in job.toml, and stitch "

@@ -220,7 +220,7 @@ class CableTow:
                 name = "the welder" if welder else f"vehicle {v + 1}"
                 x, y = 1e3 * place[:2]
                 raise TowHalted(
-                    f"{name} stands {1e3 * off:.0f} mm from where the tow begins. Bring it to "
+                    f"{name} is {1e3 * off:.0f} mm from where the tow begins. Bring it to "
                     f"({x:.0f}, {y:.0f}) mm, heading {np.degrees(place[2]) % 360:.0f}°."
                 )
         return estimate

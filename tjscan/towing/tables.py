@@ -141,7 +141,7 @@ class SeamSettings(SettingsTable):
         if any(hypot(x - u, y - v) < 1e-6 for (x, y), (u, v) in pairwise(self.points)):
             raise ValueError("points_mm must not hold the same point twice in a row")
         if len(self.points) == 1 and self.heading is None:
-            raise ValueError("one point has no direction: say heading_deg")
+            raise ValueError("one point has no direction: state heading_deg")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

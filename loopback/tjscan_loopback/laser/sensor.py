@@ -119,12 +119,12 @@ class LoopbackSensor:
     def packets_due(self, now: float) -> tuple[Address, list[bytes]]:
         """Where the stream goes, and the packets to send there now."""
         if self._controller not in (None, _OTHER_CONTROLLER):
-            patience = 1e-3 * self._memory.get(registers.HEARTBEAT)
+            patience = 1e-3 * self._memory.get(registers.HEARTBEAT_TIMEOUT)
             if now - self._heard > patience:
                 self.tell("control lost: no heartbeat")
                 self._release()
         if self._runs_free and now >= self._next_exposure:
-            (rate,) = unpack_from(">d", self._memory.read(features.RATE, 8) or bytes(8))
+            (rate,) = unpack_from(">d", self._memory.read(features.FRAME_RATE, 8) or bytes(8))
             self._next_exposure = max(self._next_exposure + 1 / max(rate, 1.0), now)
             self._expose(now)
         due = self._packets.take_due(now)
@@ -199,7 +199,7 @@ class LoopbackSensor:
         if self._controller is None:
             return Status.ACCESS_DENIED
         if address == registers.TIME_CONTROL:
-            if data[-1] & registers.LATCH:
+            if data[-1] & registers.LATCH_BIT:
                 self._memory.put(registers.TIME_HIGH, pack(">Q", _ticks(now)))
             return Status.SUCCESS
         self._memory.put(address, data)
@@ -209,22 +209,22 @@ class LoopbackSensor:
     def _act_on_feature(self, address: int, data: bytes, now: float) -> None:
         if address == registers.STREAM_PACKET_SIZE and data[0] & registers.TEST_PACKET:
             self._packets.queue_packet(bytes(max(self._packet_size - 28, 8)), now)
-        elif address == features.START:
+        elif address == features.ACQUISITION_START:
             self._acquiring, self._next_exposure = True, now
             self._block, self._before = 0, None
             self._packets.clear()
             self.begin()
-        elif address == features.STOP:
+        elif address == features.ACQUISITION_STOP:
             self._acquiring = False
             self._packets.clear()
-        elif address == features.TRIGGER:
+        elif address == features.SOFTWARE_TRIGGER:
             if self._acquiring and not self._runs_free:
                 self._expose(now)
-        elif address in (features.PIXEL_FORMAT, features.HEIGHT):
+        elif address in (features.PIXEL_FORMAT, features.IMAGE_HEIGHT):
             state_scales(self._memory)
 
     def _change_control(self, data: bytes, client: Address, now: float) -> None:
-        wanted = bool(data[-1] & registers.CONTROL)
+        wanted = bool(data[-1] & registers.CONTROL_BITS)
         if wanted and self._controller is None:
             self.tell(f"control taken by {client[0]}:{client[1]}")
             self._controller, self._heard = client, now

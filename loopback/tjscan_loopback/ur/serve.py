@@ -46,13 +46,11 @@ def run_loopback_server(
         dh = draw_calibration(nominal, calibration_seed)
         kinematics = with_dh_parameters(kinematics, nominal, dh)
     q = np.radians(home_deg)
-    stands = q.shape == kinematics.lower.shape and np.all(
+    possible = q.shape == kinematics.lower.shape and np.all(
         (q >= kinematics.lower) & (q <= kinematics.upper)  # not where an angle is no number
     )
-    if not stands:
-        raise ConfigurationError(
-            f"{kinematics.name} can't stand at {list(home_deg)}", key="home_deg"
-        )
+    if not possible:
+        raise ConfigurationError(f"{kinematics.name} can't be at {list(home_deg)}", key="home_deg")
     survive_background_terminal_read()
     controller = LoopbackController(kinematics, q, hz=hz, fast=fast, tell=print_line)
     asyncio.run(LoopbackServer(controller, model, host, hz, print_line, dh).run(attached=attached))

@@ -341,7 +341,7 @@ def describe_undetermined(J: Array, joints: int) -> tuple[str, ...]:
         cause = _most_similar_cause(J, k, joints)
         groups.setdefault((k // 6 + 1, cause), []).append(JOINT_DEVIATION_KINDS[k % 6])
     return tuple(
-        f"joint {joint}: {', '.join(kinds)} can't be told from {cause}: left as the maker states"
+        f"joint {joint}: {', '.join(kinds)} not separable from {cause}: left as the maker states"
         for (joint, cause), kinds in groups.items()
     )
 

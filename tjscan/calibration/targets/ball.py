@@ -112,7 +112,7 @@ def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_ARC_RAD
     if inlier.sum() < max(MIN_ARC_POINTS, MIN_ARC_SHARE * len(points)):
         raise CalibrationRefused(
             "no arc seen",
-            f"only {inlier.sum()} of {len(points)} points lie on one circle within "
+            f"only {inlier.sum()} of {len(points)} points are on one circle within "
             f"{1e3 * consensus.OUTLIER_SIGMAS * consensus.MAX_SCATTER_RATIO * noise.range:.2f} mm; "
             "let the line cross the ball nearer to its middle",
         )
@@ -143,7 +143,7 @@ def _check_curvature(points: Array, inlier: Mask, noise: NoiseModel) -> None:
     if gain < float(chdtri(1, FALSE_ARC_PROBABILITY)):
         raise CalibrationRefused(
             "no arc seen",
-            f"{len(span)} points lie on a straight line as well as on a circle; let the line cross "
+            f"{len(span)} points are on a straight line as well as on a circle; let the line cross "
             "the ball nearer to its middle",
         )
 

@@ -281,11 +281,11 @@ class JointTracker:
         refusals = {
             "too little of a plate is seen": lines.counts[PLATE_LINES].min() < FEWEST_ON_PLATE,
             "too little of a bevel is left": lines.counts[BEVEL_LINES].min() < FEWEST_ON_BEVEL,
-            "the points do not lie on the plates": lines.shares[PLATE_LINES].min()
+            "the points are not on the plates": lines.shares[PLATE_LINES].min()
             < LEAST_SHARE_ON_PLATE,
             "the left bevel does not lead down": not least_turn < left_bevel - left < most_turn,
             "the right bevel does not lead down": not least_turn < right - right_bevel < most_turn,
-            "the plates stand at an angle": abs(left - right) > LARGEST_ANGLE_BETWEEN_PLATES,
+            "the plates are at an angle": abs(left - right) > LARGEST_ANGLE_BETWEEN_PLATES,
             "the width has jumped": abs(width - (self._width or width))
             > LARGEST_JOINT_WIDTH_CHANGE,
         }

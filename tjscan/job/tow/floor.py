@@ -32,17 +32,17 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         if not inside.contains(shapely.Polygon(hole)):
             yield (
                 "area.holes_mm",
-                f"the pillar at {_point_in_mm(hole[0])} mm does not lie within the outline",
+                f"the pillar at {_point_in_mm(hole[0])} mm is not within the outline",
             )
     solids = _fixed_solids(job)
     root = shapely.Point(job.root.position)
     at_root = f"{_point_in_mm(job.root.position)} mm"
     if not inside.contains(root):
         off = 1e3 * inside.distance(root)
-        yield "root.position_mm", f"{at_root} lies {off:.0f} mm outside the area"
+        yield "root.position_mm", f"{at_root} is {off:.0f} mm outside the area"
     for solid in solids:
         if solid.shape.buffer(-EDGE_TOLERANCE).contains(root):
-            yield solid.key, f"{solid.name} stands on the root, at {at_root}"
+            yield solid.key, f"{solid.name} is on the root, at {at_root}"
     seam = Seam(job.seam)
     line: Any = (
         shapely.LineString(job.seam.points) if seam.length else shapely.Point(job.seam.points[0])
@@ -51,7 +51,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         along, off = _farthest_outside(seam, inside)
         yield (
             "seam.points_mm",
-            f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it lies "
+            f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it is "
             f"{1e3 * off:.0f} mm outside",
         )
     blocked = line.difference(_free_floor(job, solids).buffer(EDGE_TOLERANCE))
@@ -61,7 +61,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         solid = min(solids, key=lambda one: float(one.shape.distance(first)))
         yield (
             solid.key,
-            f"{solid.name} stands on the seam, {1e3 * along:.0f} mm from its beginning",
+            f"{solid.name} is on the seam, {1e3 * along:.0f} mm from its beginning",
         )
     yield from _welder_contradictions(job, line)
     yield from _corridor_contradictions(job)

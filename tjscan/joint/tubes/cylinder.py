@@ -129,7 +129,7 @@ def cylinder_from_normals(points: Array, normals: Array) -> Cylinder:
     _, spread, directions = np.linalg.svd(normals, full_matrices=False)
     if spread[1] < LEAST_NORMAL_SPREAD * spread[0]:
         raise TubesNotFound(
-            "the wall was seen over too little of its circumference to show where its axis lies: "
+            "the wall was seen over too little of its circumference to show where its axis is: "
             "scan farther round"
         )
     axis = directions[2]

@@ -249,7 +249,7 @@ def read_ply_profile(file: Path, form: ProfileFormat) -> FileProfiles:
     except Exception as error:  # trimesh raises whatever its parser stumbles on
         raise ConfigurationError(f"is no PLY with points: {error}", file=file) from None
     if len(points) and not np.nanmax(np.abs(scale * points[:, 1])) <= OFF_PLANE_TOLERANCE:
-        message = "its points lie off the plane y = 0, so it is no profile in a sensor's frame"
+        message = "its points are off the plane y = 0, so it is no profile in a sensor's frame"
         raise ConfigurationError(message, file=file)
     table = FileProfiles()
     z_s = heights_from_sensor(points[:, 2], scale, form, table)

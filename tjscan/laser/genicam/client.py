@@ -49,10 +49,11 @@ TRIGGER_SELECTORS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
 
 PREFERRED_PIXEL_FORMATS: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
 
-# GigE Vision's bootstrap registers, which every device has at the same place.
-VENDOR, MODEL, VERSION, SERIAL = (0x48, 32), (0x68, 32), (0x88, 32), (0xD8, 16)
+# GigE Vision's bootstrap registers, which every device has at the same place; of a text also
+# its bytes.
+VENDOR_TEXT, MODEL_TEXT, VERSION_TEXT, SERIAL_TEXT = (0x48, 32), (0x68, 32), (0x88, 32), (0xD8, 16)
 TICKS_PER_SECOND, TIME_CONTROL, LATCHED_TIME = 0x93C, 0x944, 0x948
-PRIVILEGE, PACKET_SIZE = 0xA00, 0xD04
+PRIVILEGE_REGISTER, PACKET_SIZE = 0xA00, 0xD04
 CLOCK_LATCH_COMMAND: Final = (2).to_bytes(4, "big")
 
 GenicamError: Any = viva_genicam.GenicamError
@@ -116,7 +117,7 @@ class GenicamClient:
 
     def identity(self) -> DeviceIdentity:
         """Read who the laser is."""
-        places = (VENDOR, MODEL, VERSION, SERIAL)
+        places = (VENDOR_TEXT, MODEL_TEXT, VERSION_TEXT, SERIAL_TEXT)
         vendor, model, version, serial = (_read_text(self._camera, place) for place in places)
         return DeviceIdentity(f"{vendor} {model}".strip(), serial, version)
 
@@ -179,7 +180,7 @@ class GenicamClient:
         words = str(error)
         if "ACCESS_DENIED" in words or "control of the camera was lost" in words:
             with suppress(GenicamError):
-                if any(self._camera.read_register(PRIVILEGE)):
+                if any(self._camera.read_register(PRIVILEGE_REGISTER)):
                     return errors.LaserInUse(
                         "another program has taken control of the laser. Close it there, then "
                         "start again."
@@ -325,7 +326,7 @@ def _read_serial_number(info: Any) -> str:
     """Serial number of a laser that was discovered, read without taking control of it."""
     try:
         with viva_genicam.connect_gige(info, monitor=True) as camera:
-            return _read_text(camera, SERIAL)
+            return _read_text(camera, SERIAL_TEXT)
     except GenicamError:
         return ""  # it was there a moment ago
 

@@ -146,7 +146,7 @@ class ControllerSession:
         answer = self.link.ask(name, *arguments, limit=limit)
         if answer.failure == messages.NOT_SUPERVISED:
             raise errors.MoveSupervisionLost(
-                "this program stood still while the arm moved, and the arm was stopped on its "
+                "this program paused while the arm moved, and the arm was stopped on its "
                 "way. See that the way is clear, and that nothing holds this computer up, then "
                 "start again."
             )

@@ -45,8 +45,8 @@ PUBLISHED_MEAN_OBJECTIVE: Final = 3.5
 PUBLISHED_PLANNING_TIME_MS: Final = 1e3 / 22
 """Milliseconds of a plan in the paper, figure 10."""
 
-MISTRUSTED_EVENTS: Final = ("stands", "off plan", "slips", "moved", "noisy poses")
-"""Events of vehicles that do otherwise than they are told, and of poses that are not as stated."""
+MISTRUSTED_EVENTS: Final = ("stopped", "off plan", "slips", "moved", "noisy poses")
+"""Events of vehicles that do not follow their commands, and of poses that are not as stated."""
 
 OBJECTIVE_TERM_LABELS: Final = {
     "paper": "f",

@@ -68,7 +68,7 @@ class DiscObstacle:
 
     def __post_init__(self) -> None:
         if not np.isfinite((self.x, self.y, self.radius, *self.velocity)).all():
-            raise ValueError(f"an obstacle must be where numbers say: {self}")
+            raise ValueError(f"an obstacle's place must be finite: {self}")
 
 
 class Obstacles(NamedTuple):

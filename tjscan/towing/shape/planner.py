@@ -237,7 +237,7 @@ class CheckedShape:
         here = self.limits.rows(estimate)
         near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
         if worst_margin(near) < -LARGEST_LYING_OVERLAP:
-            return f"as the cable lies, {self._worst_row(near)}"
+            return f"with the estimated cable, {self._worst_row(near)}"
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LONGEST_LINK_STEP))

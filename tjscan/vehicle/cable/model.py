@@ -58,7 +58,7 @@ class CableModel:
     def __post_init__(self) -> None:
         sizes = (self.link_length, self.radius, self.link_mass, self.stiffness, self.damping)
         if not all(isfinite(size) and size > 0 for size in sizes) or not 0 <= self.friction < 10:
-            raise ValueError("sizes, masses, stiffness and damping of a cable lie above 0")
+            raise ValueError("sizes, masses, stiffness and damping of a cable must be above 0")
         held = self.held
         if not held or held[0] < 1 or any(b - a < 2 for a, b in pairwise(held)):
             raise ValueError("vehicles hold links in their order, two or more apart")

@@ -95,5 +95,5 @@ class MqttLocalisation(BrokerClient):
 
     def _link_changed(self, up: bool) -> None:
         if self._connected:
-            name, state = ("restored", "stands again") if up else ("lost", "broke: no poses come")
+            name, state = ("restored", "is up again") if up else ("lost", "broke: no poses come")
             self._events.put((f"link-{name}", f"the link to the broker {state}"))
