@@ -121,7 +121,7 @@ def test_the_stand_under_a_ball_and_spatter_are_left_out(seed: int) -> None:
 
 def test_a_straight_line_is_no_circle() -> None:
     with pytest.raises(CalibrationRefused, match="no arc seen"):
-        fit_circle(noisy(*board(0.1)), NOISE, largest=0.1)
+        fit_circle(noisy(*board(0.1)), NOISE)
 
 
 @given(

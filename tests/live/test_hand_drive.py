@@ -150,7 +150,7 @@ def test_driven_by_hand_it_forgets_where_it_was_and_not_how_it_slips(tmp_path: P
             method.read(0.01, 1e-4)
             method.move(Twist(SPEED, 0.002), 0.01, Twist(SPEED, 0.002))
         assert method.torch != first
-        method.set_down_anew()
+        method.forget_place()
         assert replace(method.torch, sigma=0.0) == replace(first, sigma=0.0)
         assert method.torch.sigma == pytest.approx(first.sigma)
         assert (method.slip is None) == (at_first is None)

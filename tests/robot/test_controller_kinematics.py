@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from ur_cell import address, arm_at
 
+from tjscan.robot.closed_form import DhParameters
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.kinematics_info import (
     PRIMARY_INTERFACE_PORT,
-    DhParameters,
     compare_flange_with_model,
     find_kinematics_package,
     read_kinematics_info,

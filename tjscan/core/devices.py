@@ -60,7 +60,9 @@ class Device(Protocol):
 
 
 class DeviceBase:
-    """Base of drivers whose device reports neither its identity nor any events."""
+    """Base of drivers: a device of unknown identity, which reports its events to one listener."""
+
+    _listener: EventListener = staticmethod(lambda name, sentence: None)
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -68,7 +70,8 @@ class DeviceBase:
         return DeviceIdentity()
 
     def report_events_to(self, listener: EventListener) -> None:
-        """Send the device's events to a listener from now on; a device of this base has none."""
+        """Report the device's events to a listener from now on, in the thread that calls it."""
+        self._listener = listener
 
 
 class LocalDevice(DeviceBase):

@@ -153,6 +153,10 @@ NOT_IN_FILE: Final = NotInFile()
 LIST_OR_WORD_IN_FILE: Final = ListOrWordInFile()
 
 
+STRICT_TABLE: Final[dict[str, Any]] = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
+"""Pydantic's options of what comes from outside: exact types, known keys, finite numbers."""
+
+
 class SettingsTable:
     """Base of frozen dataclasses that are tables of a file: closed, and strict about types.
 
@@ -160,12 +164,7 @@ class SettingsTable:
     """
 
     __slots__ = ()
-    __pydantic_config__: ClassVar[dict[str, Any]] = {
-        "strict": True,
-        "extra": "forbid",
-        "allow_inf_nan": False,
-        "serialize_by_alias": True,
-    }
+    __pydantic_config__: ClassVar[dict[str, Any]] = {**STRICT_TABLE, "serialize_by_alias": True}
 
     @classmethod
     def file_key_types(cls) -> dict[str, Any]:

@@ -83,7 +83,7 @@ class FollowingMethod(Protocol):
             the method can't state them.
         """
 
-    def set_down_anew(self) -> None:
+    def forget_place(self) -> None:
         """Forget where the vehicle is beside the joint, not how it slips: it was moved by hand."""
 
     @property

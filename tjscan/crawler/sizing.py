@@ -41,7 +41,7 @@ class ClimbingPadSettings(PadSettings):
 class SizeSettings(SettingsTable):
     """The table [size]: magnets, masses and motors.
 
-    The defaults are those of the paper, but for its motors' gear: behind 1:195 they give 42 N m at
+    The defaults are the paper's, but for its motors' gear: behind 1:195 they give 42 N m at
     6 m/min, too little to turn on less than some 90 m. They have half that gear here.
 
     Parameters

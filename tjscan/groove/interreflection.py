@@ -262,7 +262,7 @@ def estimate_pull(
     Parameters
     ----------
     row : OrderedProfilePoints
-        Its points may lie elsewhere than those of the fit.
+        Its points may differ from the fit's.
     fitted : FittedProfile
     model : GrooveModel
         Whose last side but one is the root's face.

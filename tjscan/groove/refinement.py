@@ -90,7 +90,7 @@ ROUNDS_BEFORE_CURVATURE_CHOICE: Final = 3
 """Rounds in all, and rounds after which sides become straight or curved at the latest."""
 
 REBASED_ROUNDS: Final = 4
-"""Rounds after each of which the chords become tangents again; later they lean too little."""
+"""Rounds; after each one the chords become tangents again; later they lean too little."""
 
 STRAIGHT_LOG_ODDS: Final = 1.1
 """Log of the odds from which a side is straight: a factor of 3, for few points show little."""
@@ -247,7 +247,7 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
     """
     found, block = np.zeros(len(fitted.curves)), POINTS_PER_UNDULATION_BLOCK
     lags = fitted.noise.lags[:block]
-    # Variance of a mean of correlated points, over that of one.
+    # Variance of a mean of correlated points, over one point's.
     share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2
     for k, sigma in enumerate(np.sqrt(noise_variances(fitted)).tolist()):
         side = fitted.spans[k]

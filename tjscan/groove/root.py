@@ -45,7 +45,7 @@ TACK_RATIO, TACK_HEIGHT = 0.165, 1.45e-3
 both faces and is lower; a root bead that bulges is smaller."""
 
 CONVEX_WELD_RATIO: Final = 0.06
-"""Height over its chord, as a share of it, from which a face is that of convex weld metal."""
+"""Height over its chord, as a share of it, from which a face is convex weld metal."""
 
 LEAST_OPENING: Final = 0.8e-3
 """Distance between the end of a bevel and the leg that makes an open root, in metres."""
@@ -282,7 +282,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     apex_bevel, apex_leg = fitted.places[-1]
     off_bevel = np.abs(bevel.signed_distances(row.points))
     off_leg = np.abs(leg.signed_distances(row.points))
-    # Where the two are near each other a point belongs to the nearer one.
+    # If the two are near each other a point belongs to the nearer one.
     on_bevel = (off_bevel < tolerance) & (off_bevel < off_leg)
     on_leg = (off_leg < tolerance) & (off_leg <= off_bevel)
     turn = int(row.tangents.searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))

@@ -36,7 +36,6 @@ from tjscan.groove.sides import (
     GrooveFit,
     OrderedProfilePoints,
     end_of_support,
-    stretches_of_true_values,
 )
 
 CORNER_NEIGHBOURHOOD: Final = 1.5e-3
@@ -63,18 +62,14 @@ PATCH_SIGMAS, PATCHED_SHARE = 3.5, 0.15
 makes a side patched: single spatter does not."""
 
 UNSEEN_SIDE_SLOPE: Final = 0.04
-"""Slope by which a side may turn where it is not seen: half the angle between two facets that a
+"""Slope by which a side may turn if it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
 
 PULL_PROBABILITY: Final = 0.5
 """Probability that a notch which looks pulled in by light is, and no fillet."""
 
 UNSEEN_FACE_SLOPE: Final = 0.15
-"""Slope by which the face of a bead may turn where it is not seen: it has no plan."""
-
-LEAVING_POINTS, LEAVING_STEP = 6, 0.25e-3
-"""Points in a row that leave a side, and the most by which one lies farther off than the last, in
-metres."""
+"""Slope by which the face of a bead may turn if it is not seen: it has no plan."""
 
 LARGEST_STEP_ON_SURFACE: Final = 0.7e-3
 """Neighbouring points of one surface lie no farther apart, square to it, in metres."""
@@ -83,7 +78,7 @@ FACE_END_SHARE: Final = 0.1
 """A bead's face is no parabola: its ends may lie off one by this share of its height. One that
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
-_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over that of a mean
+_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over a mean's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,31 +247,6 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
         if side.bead and max(both) < 0 and sum(both) < -SIGNIFICANT_SIGMAS * sqrt(2):
             significant[k - 1, 0] = significant[k, 1] = True
     return np.where(significant, found, 0.0)
-
-
-def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
-    """Whether points lead away from side k in a row: the surface turns there, no reflection.
-
-    Parameters
-    ----------
-    fitted : FittedProfile
-    k : int
-        Number of the side.
-    """
-    own = fitted.spans[k]
-    residuals, keep = fitted.residuals[own], fitted.keep[own]
-    starts, stops = stretches_of_true_values(~keep)
-    for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
-        run = residuals[a:b]
-        if b - a < LEAVING_POINTS or np.abs(run).max() > 1.5 * LEAST_REFLECTION_OFFSET:
-            continue
-        # Reflections grow out of corners; what leaves a side does so from its inside.
-        ends = [(a - 1, run)] * (a > 0) + [(b, run[::-1])] * (b < len(keep))
-        for place, outward in ends:
-            steps = np.abs(np.diff(np.concatenate((residuals[place : place + 1], outward))))
-            if steps.max() < LEAVING_STEP and abs(outward[-1]) > abs(outward[0]):
-                return True
-    return False
 
 
 def _upper_median(values: Array) -> float:

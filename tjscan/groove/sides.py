@@ -254,7 +254,7 @@ class FittedProfile:
     edges : list of int
         First point of each side, and the number n of points; k + 1.
     spans : tuple of slice
-        The points of each side among those of the row.
+        The points of each side among the row's.
     along : ndarray, shape (n,)
         Each point's s on its side.
     residuals : ndarray, shape (n,)

@@ -143,7 +143,7 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     job : CellJob
         The job.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
 
     Raises
     ------

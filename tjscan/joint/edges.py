@@ -52,7 +52,7 @@ class JointGrooveSections:
         Where the bevel, drawn on, meets the leg.
     p2, p3, p4 : ndarray, shape (n, 2)
         The paper's corners (Fig. 3): top of the bevel, root corner on the bevel, root corner
-        on the leg. Where the root is open p3 is the land's outer edge and p4 its foot on the leg.
+        on the leg. If the root is open p3 is the land's outer edge and p4 its foot on the leg.
     """
 
     def __init__(self, definition: JointDefinition, phi: ArrayLike) -> None:

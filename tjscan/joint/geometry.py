@@ -235,7 +235,7 @@ class OvalLegSurface(LegSurface):
 
     Notes
     -----
-    `radius` is that of the round tube. The dihedral angle stays the round tube's: the brace's
+    `radius` is the round tube's. The dihedral angle stays the round tube's: the brace's
     end is prepared by the drawing. A surface at a distance is taken as the ellipse with longer
     semi-axes, which differs from the parallel curve by the ovality squared of that distance.
     """

@@ -140,7 +140,7 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
 
 
 def _findings_at(bead: PlannedBead, key: str, out: Mask, text: str) -> Iterator[WpsFinding]:
-    """The finding of a bead at those of its points that are out; none if none is."""
+    """The finding of a bead at its points that are out; none if all are in."""
     if out.any():
         at = bead.s[out]
         ends = float(at.min()), float(at.max())

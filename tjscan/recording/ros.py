@@ -111,7 +111,7 @@ def joint_trajectory_message(time: int, names: Sequence[str], q: Array, times: A
         {"positions": angles, **unstated, "time_from_start": start}
         for angles, start in zip(q.tolist(), starts, strict=True)
     ]
-    # No frame: angles are those of the joints that are named.
+    # No frame: the angles are of the joints that are named.
     fields = {"header": _ros_message_header(time, ""), "joint_names": list(names), "points": points}
     return RosMessage(JOINT_TRAJECTORY_TYPE, fields)
 

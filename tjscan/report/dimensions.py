@@ -173,7 +173,7 @@ def _dimensions_of_section(
 def _high_low_dimensions(
     section: MeasuredSection, hidden: Array, drawing: JointDefinition
 ) -> Iterator[Dimension]:
-    """How far the brace at p2 and the leg at p4 stand out of where they are drawn."""
+    """How far the brace at p2 and the leg at p4 are outside their drawn places."""
     wall, sigma = _corner_along(section, 0, _outward_from_brace(section.points[1]))
     off = wall - drawing.brace_radius + (nan if hidden[0] else 0.0)
     yield _dimension_from_si("high-low, brace", off, sigma, 0.0, drawing.tolerance.high_low)

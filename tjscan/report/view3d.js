@@ -1,6 +1,6 @@
 "use strict";
-// The groove in space, to turn: plain WebGL without a library. Where there is none, the still
-// picture stays. Units are those of the data: millimetres, in the frame of the result.
+// The groove in space, to turn: plain WebGL without a library. If there is none, the still
+// picture stays. Units are the data's: millimetres, in the frame of the result.
 (() => {
   const figure = document.getElementById("view3d");
   const scene = JSON.parse(document.getElementById("view3d-data").textContent);

@@ -289,7 +289,7 @@ class StationPlacement:
     Parameters
     ----------
     name, source : str
-        Which, and its run directory, seen from that of the stitched run.
+        Which, and its run directory, seen from the stitched run's.
     position_mm, euler_zyx_deg : tuple of float
         Its base in frame j.
     sigma_position_mm, sigma_rotation_deg : tuple of float

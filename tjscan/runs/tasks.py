@@ -26,7 +26,7 @@ class Task:
         Of the task.
     room : str
         Room of `tjscan.runs` that has its chapter in the report of a scan, a `ChapterWriter`, and
-        name of the module of `tjscan.runs.live` that has its `ShowReader`.
+        name of the module of `tjscan.runs.live` that has its `ReplayReader`.
     recording : str
         Kind of its recording, as `tjscan.recording.parts.recording_files` has it.
     page : str, optional

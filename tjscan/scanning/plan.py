@@ -252,7 +252,7 @@ class ScanPlan(units.SettingsTable):
 
     @property
     def correction_criterion(self) -> CorrectionCriterion | None:
-        """Criterion for skipping corrections; None where each is made, as in the paper."""
+        """Criterion for skipping corrections; None if each is made, as in the paper."""
         enabled = self.criterion.enabled
         if enabled is None:
             enabled = self.prediction == SMOOTH_PREDICTION

@@ -220,7 +220,7 @@ def fallback_set_points(
 
     Notes
     -----
-    Where a correction shows nothing, the prediction view did show something: half of the
+    If a correction shows nothing, the prediction view did show something: half of the
     correction is made, then none of it. A prediction that was refused has no others.
     """
     if (predicted := step.predicted) is not None:

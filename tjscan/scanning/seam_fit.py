@@ -43,7 +43,7 @@ class RecentSections:
     Parameters
     ----------
     sections : sequence of ScannedSection
-        Two or more, of which the last `MOST_RECENT_SECTIONS` count.
+        Two or more; the last `MOST_RECENT_SECTIONS` count.
 
     Attributes
     ----------

@@ -312,7 +312,7 @@ def check_section_orientation(groove: GrooveSection) -> None:
 
 
 def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:
-    """Refuse a section whose own measures can't follow those of the last one.
+    """Refuse a section whose own measures can't follow the last one's.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ _DIFFERENCE_STEP: Final = 1e-6
 
 
 class ExpectedSection:
-    """Model of the next section, with which the predictor solves for where it will lie.
+    """Model of the next section, with which the predictor solves for its place.
 
     A section is given by its origin in b (metres) and the angles of wall and leg in the laser
     plane (radians), shape (5,).

@@ -168,7 +168,7 @@ TILT_LEVER: Final = 0.02
 """Metres along a wall over which its tilt is given as an offset."""
 
 CORNER_VALUE_COUNT: Final = 6
-"""The first values are those of p2, p3 and p4."""
+"""The first values are of p2, p3 and p4."""
 
 WIDEST_LEG_SHARE: Final = 0.999
 """Share of the leg's radius beyond which nothing is over the leg."""
@@ -229,7 +229,7 @@ class UnrolledViews:
         return UnrolledViews(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def joined_with(self, other: UnrolledViews) -> UnrolledViews:
-        """These views together with those of another station."""
+        """These views together with another station's."""
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
         return UnrolledViews(*(np.concatenate(pair) for pair in pairs))
 

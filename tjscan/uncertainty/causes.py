@@ -249,7 +249,7 @@ def budget_of_causes(causes: Sequence[ViewCause], T_r_b: Array, count: int) -> U
     Parameters
     ----------
     causes : sequence of ViewCause
-        Of all views, those of the sections first.
+        Of all views, the sections' first.
     T_r_b : ndarray, shape (4, 4)
         The arm's base in that frame.
     count : int

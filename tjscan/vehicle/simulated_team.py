@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import Final, Self
 
-from tjscan.core.devices import DeviceIdentity, EventListener, LocalDevice
+from tjscan.core.devices import DeviceIdentity, LocalDevice
 from tjscan.core.errors import DriveFault, VehicleFault
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
@@ -152,16 +152,11 @@ class SimulatedLocalisation(LocalDevice):
         self._world = world
         self._seen = world.time
         self._given = [-float("inf")] * world.vehicles
-        self._listener: EventListener = lambda name, sentence: None
 
     @property
     def identity(self) -> DeviceIdentity:
         """Which device it is."""
         return DeviceIdentity("simulated localisation")
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report dropped poses. See `Localisation.report_events_to`."""
-        self._listener = listener
 
     def read(self) -> tuple[VehiclePose | None, ...]:
         """Give the newest poses. See `Localisation.read`."""

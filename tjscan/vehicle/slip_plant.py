@@ -85,11 +85,11 @@ class SlipSettings(SettingsTable):
     Parameters
     ----------
     ratio : float
-        p, 0 to 0.5: nothing slips where it is 0.
+        p, 0 to 0.5: nothing slips if it is 0.
     longitudinal : float, optional
         Share of the tracks' speed that is lost; p / 10.
     yaw_efficiency : float, optional
-        Mean of η, the turn rate over that of the encoders; 1 - p.
+        Mean of η, the turn rate over the encoders' one; 1 - p.
     yaw_variation : float, optional
         How far η swings along the path; p / 4.
     yaw_period : float, optional
@@ -133,7 +133,7 @@ class SlipPlant:
     seed : int or Generator, optional
         Of where along the path η begins to swing.
     load : TrackLoad, optional
-        What its motors have to turn the tracks with; no torques are known where left out.
+        What its motors have to turn the tracks with; no torques are known if left out.
     """
 
     def __init__(

@@ -68,7 +68,7 @@ class PlaneTarget:
         the pattern, times the root of the number of points.
     by_arm : ndarray, shape (3, m), or None
         How (tilt, tilt, height) move with draws of the arm's geometry, see
-        `ArmGeometryDeviation.moves`; `information` is then that of the touches alone. None if it
+        `ArmGeometryDeviation.moves`; `information` is then from the touches alone. None if it
         holds both.
     """
 

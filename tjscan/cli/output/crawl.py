@@ -50,7 +50,7 @@ def watch_crawl(
     ----------
     job : CrawlJob
     file : Path
-        Where it was read from.
+        The file that it was read from.
     page : LiveCrawlOptions, optional
         Whether it is shown in a browser too, and driven by hand there before it begins.
     """

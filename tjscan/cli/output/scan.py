@@ -154,7 +154,7 @@ class ScanRequest:
     ----------
     job : ScanJob
     file : Path
-        Where it was read from; to resume, in the run directory.
+        The file that it was read from; to resume, in the run directory.
     keys : dict
         Keys of the job that the command line replaced.
     station : str, optional

@@ -57,7 +57,7 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
     ----------
     job : TowJob
     file : Path
-        Where it was read from.
+        The file that it was read from.
     page : LiveOptions
         Whether it is shown in a browser too.
     """
@@ -79,7 +79,7 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
 
 
 def print_seam_feasibility(job: TowJob, file: Path, *, json: bool) -> None:
-    """Say whether the cable can follow along the whole seam.
+    """Report whether the cable can follow along the whole seam.
 
     Raises
     ------

@@ -91,7 +91,7 @@ class ButtJointReading(JointPlacement):
         Of the profile, in seconds.
     edges : ndarray, shape (2, 2)
         x_s and z_s of the left and of the right top edge, where hull and bevel meet, in metres.
-        Where the edges are gone they are NaN.
+        If the edges are gone they are NaN.
     edge_covariances : ndarray, shape (2, 2, 2)
         In m².
     depth_left : float
@@ -275,7 +275,7 @@ class JointTracker:
         )
 
     def _check_lines(self, row: _ProfileRays, lines: EdgeLines, width: float) -> None:
-        """Refuse lines that are not those of a joint's edges."""
+        """Refuse lines that are not a joint's edges."""
         left, left_bevel, right_bevel, right = lines.angles.tolist()
         least_turn, most_turn = BEVEL_TURNS
         refusals = {

@@ -23,13 +23,7 @@ from tjscan.core import errors
 from tjscan.core.devices import DeviceIdentity
 from tjscan.core.process import ClientRequest
 from tjscan.core.signals import ignore_ctrl_c
-from tjscan.laser.genicam.messages import (
-    ConnectedLaser,
-    HostInterval,
-    ReceivedBlock,
-    StatedAxis,
-    host_time_of_exposure,
-)
+from tjscan.laser.genicam import messages
 from tjscan.laser.genicam.settings import FeatureValue, GenicamSettings, ScanControlSettings
 
 DISCOVERY_TIMEOUT_MS: Final = (100, 300, 900)
@@ -71,7 +65,7 @@ class GenicamClient:
         self._latches = False
         self._exposure: float | None = None
 
-    def connect(self, settings: GenicamSettings | ScanControlSettings) -> ConnectedLaser:
+    def connect(self, settings: GenicamSettings | ScanControlSettings) -> messages.ConnectedLaser:
         """Connect, set everything up, and begin to stream."""
         address = self._open_laser(settings.address, settings.serial)
         for name, value in settings.features.items():
@@ -97,7 +91,7 @@ class GenicamClient:
         self._latches = self._ticks_per_second > 0 and self._can_read_clock()
         if settings.packet_size is not None:
             self._camera.write_register(PACKET_SIZE, settings.packet_size.to_bytes(4))
-        laser = ConnectedLaser(
+        laser = messages.ConnectedLaser(
             identity=self.identity(),
             address=address,
             pixel_format=chosen,
@@ -121,7 +115,7 @@ class GenicamClient:
         vendor, model, version, serial = (_read_text(self._camera, place) for place in places)
         return DeviceIdentity(f"{vendor} {model}".strip(), serial, version)
 
-    def capture(self, attempts: int, timeout: float) -> ReceivedBlock:
+    def capture(self, attempts: int, timeout: float) -> messages.ReceivedBlock:
         """Take a block that was exposed after this call; trigger again while none comes."""
         latched, latched_at = self._latch_clock()
         stale, began = 0, time.monotonic()
@@ -140,10 +134,10 @@ class GenicamClient:
                 if self._latches and exposed < latched + self._ticks_until_fresh_exposure:
                     stale += 1
                     continue
-                when, later = HostInterval(began, came), exposed - latched
+                when, later = messages.HostInterval(began, came), exposed - latched
                 if self._latches:
-                    when = host_time_of_exposure(later, self._ticks_per_second, latched_at)
-                return ReceivedBlock(
+                    when = messages.host_time_of_exposure(later, self._ticks_per_second, latched_at)
+                return messages.ReceivedBlock(
                     data=frame.payload(),
                     pixel_format=frame.pixel_format,
                     columns=frame.width,
@@ -278,21 +272,21 @@ class GenicamClient:
             return read(name)
         return None
 
-    def _read_axis_scale(self, coordinate: str) -> StatedAxis:
+    def _read_axis_scale(self, coordinate: str) -> messages.StatedAxis:
         if "Scan3dCoordinateSelector" not in self._feature_names:
-            return StatedAxis()
+            return messages.StatedAxis()
         with suppress(GenicamError):
             self._camera.set_enum("Scan3dCoordinateSelector", coordinate)
             number = self._camera.get_float
             marks = self._read_feature("Scan3dInvalidDataFlag", self._camera.get_bool)
-            return StatedAxis(
+            return messages.StatedAxis(
                 scale=self._read_feature("Scan3dCoordinateScale", number),
                 offset=self._read_feature("Scan3dCoordinateOffset", number),
                 low=self._read_feature("Scan3dAxisMin", number),
                 high=self._read_feature("Scan3dAxisMax", number),
                 invalid=self._read_feature("Scan3dInvalidDataValue", number) if marks else None,
             )
-        return StatedAxis()
+        return messages.StatedAxis()
 
     def _can_read_clock(self) -> bool:
         """Whether the laser's clock can be read: two readings differ."""
@@ -303,7 +297,7 @@ class GenicamClient:
                 readings.add(self._camera.read_register(LATCHED_TIME, 8))
         return len(readings) > 1
 
-    def _latch_clock(self) -> tuple[int, HostInterval]:
+    def _latch_clock(self) -> tuple[int, messages.HostInterval]:
         """Read the laser's clock now, and when that was; without a clock, restart the stream.
 
         What an acquisition that has just begun brings was exposed after that.
@@ -314,12 +308,12 @@ class GenicamClient:
                 while self._stream.next_frame(1) is not None:
                     pass
             self._camera.acquisition_start()
-            return 0, HostInterval(0.0, 0.0)
+            return 0, messages.HostInterval(0.0, 0.0)
         before = time.monotonic()
         self._camera.write_register(TIME_CONTROL, CLOCK_LATCH_COMMAND)
         after = time.monotonic()
         ticks = int.from_bytes(self._camera.read_register(LATCHED_TIME, 8))
-        return ticks, HostInterval(before, after)
+        return ticks, messages.HostInterval(before, after)
 
 
 def _read_serial_number(info: Any) -> str:

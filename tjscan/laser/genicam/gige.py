@@ -8,9 +8,10 @@ from collections.abc import Callable
 from math import inf
 from typing import Final, Generic, Self, TypeVar
 
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import DeviceBase, DeviceIdentity
 from tjscan.core.errors import LaserFault, LaserNotResponding, ProfileFormatRefused, WrongLaser
 from tjscan.core.process import ClientProcess
+from tjscan.laser import scancontrol
 from tjscan.laser.genicam.messages import (
     ConnectedLaser,
     HostInterval,
@@ -22,14 +23,6 @@ from tjscan.laser.genicam.settings import GenicamSettings, GigeSettings, ScanCon
 from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, profile_of_row
-from tjscan.laser.scancontrol import (
-    MAX_RAW_VALUE,
-    RAW_COORDINATE_OF_ZERO,
-    SCANCONTROL_SCALES,
-    ScanControlScale,
-    parse_scancontrol,
-    scancontrol_profile_size,
-)
 
 S = TypeVar("S", bound=GigeSettings)
 T = TypeVar("T")
@@ -44,7 +37,7 @@ RETRIGGERED_PROFILE_EVENT: Final = "profile taken again"
 """Event of a profile that took more than one trigger."""
 
 
-class GigeLaser(ABC, Generic[S]):
+class GigeLaser(DeviceBase, ABC, Generic[S]):
     """Base of `LineLaser`s behind GigE Vision; subclasses define what their payload means.
 
     Parameters
@@ -58,7 +51,6 @@ class GigeLaser(ABC, Generic[S]):
     def __init__(self, settings: S, time: Callable[[], float]) -> None:
         self.settings, self._time = settings, time
         self._process: ClientProcess | None = None
-        self._listener: EventListener = lambda name, detail: None
         self._known: DeviceIdentity | None = None
         self._laser: ConnectedLaser | None = None
 
@@ -111,10 +103,6 @@ class GigeLaser(ABC, Generic[S]):
         if self._laser is None:
             raise LaserFault("the laser has not been connected yet")
         return self._laser
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report profiles that took more than one trigger."""
-        self._listener = listener
 
     def capture(self) -> Profile:
         """Take one profile that is exposed after this call.
@@ -340,27 +328,31 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
     """
 
     @property
-    def scale(self) -> ScanControlScale:
+    def scale(self) -> scancontrol.ScanControlScale:
         """Scale and offset of its model, or those that the job states."""
         table = self.settings
         if table.scale is not None and table.offset is not None:
-            return ScanControlScale(table.scale, table.offset)
-        return SCANCONTROL_SCALES[str(table.model)]
+            return scancontrol.ScanControlScale(table.scale, table.offset)
+        return scancontrol.SCANCONTROL_SCALES[str(table.model)]
 
     def _describe_payload(self) -> tuple[int, str, list[float]]:
         table, scale = self.settings, self.scale
         raw = (
-            (MAX_RAW_VALUE - 1, 0) if table.flip_z else (1, MAX_RAW_VALUE)
+            (scancontrol.MAX_RAW_VALUE - 1, 0) if table.flip_z else (1, scancontrol.MAX_RAW_VALUE)
         )  # 0 as sent is no point
         sent = (
             f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a count "
             f"about x 0 and z {1e3 * scale.offset:g} mm, as the job states"
         )
-        limits = [scale.scale * (end - RAW_COORDINATE_OF_ZERO) + scale.offset for end in raw]
-        return scancontrol_profile_size(table), sent, limits
+        limits = [
+            scale.scale * (end - scancontrol.RAW_COORDINATE_OF_ZERO) + scale.offset for end in raw
+        ]
+        return scancontrol.scancontrol_profile_size(table), sent, limits
 
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Nothing is asked: the job states how it is set up."""
 
     def _parse_block(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
-        return parse_scancontrol(block.data, self.settings, self.scale, time, uncertainty)
+        return scancontrol.parse_scancontrol(
+            block.data, self.settings, self.scale, time, uncertainty
+        )

@@ -207,7 +207,6 @@ class UrArm(DeviceBase):
         self._session: ControllerSession | None = None
         self._identity = UrIdentity()
         self._latch = MotionLock()
-        self._listener: EventListener = lambda name, detail: None
 
     def __enter__(self) -> Self:
         """Connect, set TCP and payload, and read them back; nothing moves.
@@ -249,10 +248,6 @@ class UrArm(DeviceBase):
         """Which arm it is; known while connected."""
         self._connected_session  # noqa: B018 - refuses
         return self._identity
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report events to a listener: that the dashboard was connected again."""
-        self._listener = listener
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time, as the controller reports them."""

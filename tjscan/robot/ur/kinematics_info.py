@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, array_dataclass, pose, rot_x, rot_z
+from tjscan.robot.closed_form import DhParameters
 from tjscan.robot.kinematics import Kinematics
 
 PRIMARY_INTERFACE_PORT: Final = 30001
@@ -32,29 +32,6 @@ MOST_MESSAGE_BYTES: Final = 1 << 16
 
 SAME_KINEMATICS_TOLERANCE: Final = 1e-5
 """Metres within which a controller's calibration is the model itself."""
-
-
-@array_dataclass
-class DhParameters:
-    """Standard DH parameters: frame i is Rz(theta + q) Tz(d) Tx(a) Rx(alpha) in frame i - 1.
-
-    Parameters
-    ----------
-    theta, a, d, alpha : ndarray, shape (6,)
-        Radians and metres.
-    """
-
-    theta: Array
-    a: Array
-    d: Array
-    alpha: Array
-
-    def forward(self, q: Array) -> Array:
-        """Pose of frame 6 in frame 0, shape (4, 4), for joint angles, shape (6,), in radians."""
-        T = np.eye(4)
-        for angle, a, d, alpha in zip(self.theta + q, self.a, self.d, self.alpha, strict=True):
-            T = T @ pose(rot_z(angle), (0.0, 0.0, d)) @ pose(rot_x(alpha), (a, 0.0, 0.0))
-        return T
 
 
 COMPARED_POSTURES: Final = 200
@@ -82,7 +59,7 @@ def describe_kinematics_difference(dh: DhParameters, kinematics: Kinematics) -> 
     """Where a controller's own calibration and a model of the arm disagree, in words."""
     rms, largest = compare_flange_with_model(dh, kinematics)
     if largest < SAME_KINEMATICS_TOLERANCE:
-        return f"the controller's kinematics are those of the model {kinematics.name}"
+        return f"the controller's kinematics equal the model {kinematics.name}"
     return (
         f"the controller's own calibration has the flange {1e3 * rms:.2f} mm RMS, "
         f"{1e3 * largest:.2f} mm at most from where the model {kinematics.name} has it; "

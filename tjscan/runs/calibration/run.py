@@ -129,7 +129,7 @@ def start_calibration(
     job : CalibrationJob
         The job.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     directory : Path
         To make.
     operator : Operator
@@ -346,7 +346,7 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
     job : CalibrationJob
         The job; its devices are connected.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
 
     Returns
     -------

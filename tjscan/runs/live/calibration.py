@@ -52,7 +52,7 @@ class CalibrationShow:
     ----------
     job : CalibrationJob
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     title : str
         Of the run.
     """
@@ -160,7 +160,7 @@ class CalibrationShow:
 
 
 def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:
-    """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a calibration's recording has to show; see `tjscan.live.step.ReplayReader`."""
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
     return show, logbook.read_calibration_entries(directory)
@@ -265,7 +265,7 @@ def operator_on_page(
     ----------
     job : CalibrationJob
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     where : PageAddress
     report : callable
         Receives the page's address, and every message.

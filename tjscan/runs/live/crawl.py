@@ -190,7 +190,7 @@ def phase_transition_diagram(now: Phase) -> live_step.StateDiagram:
 
 
 def read_crawl_show(directory: Path) -> tuple[CrawlShow, Iterator[object]]:
-    """Read what a crawl's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a crawl's recording has to show; see `tjscan.live.step.ReplayReader`."""
     show = CrawlShow(read_crawl_job(directory / JOB_FILE), directory.resolve().name)
     return show, _read_thinned_entries(directory)
 

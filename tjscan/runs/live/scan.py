@@ -224,7 +224,7 @@ def _value_in_words(measure: Measure, values: dict[str, float], sigmas: dict[str
 
 
 def read_scan_show(directory: Path) -> tuple[ScanShow, Iterator[object]]:
-    """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a scan's recording has to show; see `tjscan.live.step.ReplayReader`."""
     job_file = directory / JOB_FILE
     context = ScanContext(read_scan_job(job_file), job_file).at_station()
     return ScanShow(context, directory.resolve().name), read_scan_entries(directory, context)

@@ -180,7 +180,7 @@ def _disc_outline(disc: Array) -> Array:
 
 
 def read_tow_show(directory: Path) -> tuple[TowShow, Iterator[object]]:
-    """Read what a tow's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a tow's recording has to show; see `tjscan.live.step.ReplayReader`."""
     show = TowShow(read_tow_job(directory / JOB_FILE), directory.resolve().name)
     return show, _read_thinned_entries(directory)
 

@@ -56,7 +56,7 @@ class WeldingStation:
     job : ScanJob
         Of that station alone.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     model, kinematics : Kinematics
         The arm as its controller has it, and as it was calibrated.
     T_b_r : ndarray, shape (4, 4)

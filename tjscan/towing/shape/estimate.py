@@ -1,4 +1,4 @@
-"""The cable's shape now, from the vehicles' poses: that of least energy; and its pull there.
+"""The cable's shape now, from the vehicles' poses: the shape of least energy; and its pull there.
 
 Suzuki et al. (2022), IV-C, take the poses for exact, (1)-(4). Noise or slip then stretch the cable
 between two vehicles beyond its length, and no shape fits: here poses are known to a standard
@@ -365,7 +365,7 @@ class CablePull:
 def pull_on_welder(
     cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseAccuracy
 ) -> CablePull | None:
-    """The cable's pull at the welder; None if its pose or that of the vehicle before is unknown.
+    """The cable's pull at the welder; None if its pose or the one of the vehicle before is unknown.
 
     The force is what holds the last of the estimated links at its pose, so that of bends and
     friction together.

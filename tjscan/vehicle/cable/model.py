@@ -82,7 +82,7 @@ class CableModel:
 class TowingDriveModel(SettingsTable):
     """Bodies and drives of simulated towing vehicles, but for their radius and force.
 
-    Mass, height and grip are those of Suzuki et al. (2022), table II.
+    Mass, height and grip are from Suzuki et al. (2022), table II.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class TowingVehicleSettings(TowingDriveModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TowingVehicleModel(TowingDriveModel):
-    """A simulated towing vehicle; its radius is that of Suzuki et al. (2022), table II.
+    """A simulated towing vehicle; its radius is from Suzuki et al. (2022), table II.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class CablePlant:
         return np.vstack((near, tip))
 
     @property
-    def touches(self) -> set[tuple[str, str]]:
+    def touching_pairs(self) -> set[tuple[str, str]]:
         """What touches what, but for the floor, by name; a pair in alphabetical order."""
         pairs = self._data.contact.geom
         geom = self._model.geom

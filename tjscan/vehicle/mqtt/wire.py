@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 from annotated_types import Ge, Le, Len
 from pydantic import TypeAdapter, ValidationError
 
+from tjscan.core.units import STRICT_TABLE
 from tjscan.core.version import PROGRAM_VERSION
 from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist, VehicleState
 
@@ -62,11 +63,7 @@ class WireMessage:
         Seconds on the sender's clock, which never goes back.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {
-        "strict": True,
-        "extra": "forbid",
-        "allow_inf_nan": False,
-    }
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT_TABLE
 
     session: Session
     number: Number
