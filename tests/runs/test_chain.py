@@ -10,8 +10,8 @@ from command import tjscan
 
 from tjscan.core.config import table_to_dict
 from tjscan.job.files import read_calibration_job, read_scan_job
+from tjscan.recording.header import flatten_to_dotted_keys
 from tjscan.runs.chain import KEYS_OF_ERROR_SOURCES, read_chain
-from tjscan.study.file import flatten_to_dotted_keys
 
 CHAIN = EXAMPLES / "paper-chain.toml"
 

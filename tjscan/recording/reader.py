@@ -479,10 +479,10 @@ def _check_program(file: Path, header: McapHeader) -> None:
 def _check_format(file: Path, head: RecordingHeader) -> None:
     if head.format != FORMAT_VERSION:
         newer = f"Install {PROGRAM_NAME} {head.version} or newer"
+        advice = OLD_RECORDING_ADVICE if head.version == "0.1.0" else newer
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "
-            f"version reads format {FORMAT_VERSION} only. "
-            f"{OLD_RECORDING_ADVICE if head.version == '0.1.0' else newer}"
+            f"version reads format {FORMAT_VERSION} only. {advice}"
         )
 
 

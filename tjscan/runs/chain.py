@@ -24,6 +24,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.tubes.fit import ArmRepeatability
+from tjscan.recording.header import flatten_to_dotted_keys
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
@@ -32,7 +33,6 @@ from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.runs.stations.stitch import stitched_profile_points
 from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove
-from tjscan.study.file import flatten_to_dotted_keys
 
 TABLES_SHARED_BY_JOBS: Final = ("arm.", "laser.", "simulation.")
 """Tables that both jobs have in common: they are of one cell."""
