@@ -51,8 +51,14 @@ class Scanner:
     journal : Journal
         Receives everything at once.
     predictor : SetPointPredictor, optional
+<<<<<<< HEAD
         Predicts where the next section lies; the plan's if left out.
 
+=======
+        Predicts where the next section is; the plan's if left out.
+    step_rule : StepLengthRule, optional
+        Chooses the length of each step; the plan's if left out.
+>>>>>>> trunk
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
     """
@@ -102,7 +108,7 @@ class Scanner:
         return self._scan_until_done()
 
     def resume(self, done: RecordedScan, sections: Sections) -> ScanResult:
-        """Go back to the last section of an interrupted scan, check that it lies there, and go on.
+        """Go back to the last section of an interrupted scan, check that it is there, and go on.
 
         Parameters
         ----------
@@ -324,7 +330,7 @@ class Scanner:
     ) -> ScannedSection:
         """Read the groove in a view and check that it fits the step, if there is one.
 
-        Without T_s_t frame t lies where the plan wants it for this groove.
+        Without T_s_t frame t is where the plan wants it for this groove.
 
         Raises
         ------
