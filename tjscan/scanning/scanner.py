@@ -51,14 +51,7 @@ class Scanner:
     journal : Journal
         Receives everything at once.
     predictor : SetPointPredictor, optional
-<<<<<<< HEAD
-        Predicts where the next section lies; the plan's if left out.
-
-=======
         Predicts where the next section is; the plan's if left out.
-    step_rule : StepLengthRule, optional
-        Chooses the length of each step; the plan's if left out.
->>>>>>> trunk
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
     """
