@@ -149,7 +149,7 @@ def median_point_spacing(points: Array) -> float:
 IndexArray = NDArray[np.intp]
 
 INSIDE_TRIANGLE_FEATURE: Final = -1
-"""The feature of a foot that lies inside its triangle."""
+"""The feature of a foot that is inside its triangle."""
 
 
 class MeshFacets:

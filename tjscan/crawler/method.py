@@ -10,7 +10,7 @@ from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.vehicle.vehicle import Twist
 
 SURE_SIGMAS: Final = 3.0
-"""Standard deviations within which something surely lies."""
+"""Standard deviations within which something surely is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ class PassRecord:
     true_travel, true_offset, true_deviation, offset_error : ndarray, shape (m,)
         If a simulation knows the truth, metres: place along the weld, offset of the vehicle
         from the joint, deviation of the torch from its path, and how far the estimated offset
-        lies to the right of the true one.
+        is to the right of the true one.
     """
 
     number: int

@@ -47,7 +47,7 @@ class SizeSettings(SettingsTable):
     Parameters
     ----------
     pads : ClimbingPadSettings
-        Of each track, with the vehicle's mass and how the hull lies.
+        Of each track, with the vehicle's mass and the hull's inclination.
     gear : float
         Turns of a motor for one of its sprocket.
     torque : float
@@ -245,7 +245,7 @@ def torque_of_turn(pads: PadSettings, tracks: TrackGeometry, radius: float) -> f
     Parameters
     ----------
     pads : PadSettings
-        How the hull lies too: it climbs, or runs level.
+        The hull's inclination too: it climbs, or runs level.
     tracks : TrackGeometry
     radius : float
         Of the circle that the tracks are driven on, metres.

@@ -25,12 +25,12 @@ class SlipStateIndex(IntEnum):
     """The place of each quantity in a state vector, shape (11,).
 
     OFFSET is the torch's from the joint, metres; HEADING the angle from the joint to the
-    vehicle; ROTATION_CENTRE how far the centre of rotation lies ahead of the vehicle's own, in
+    vehicle; ROTATION_CENTRE how far the centre of rotation is ahead of the vehicle's own, in
     travel direction, metres; YAW_EFFICIENCY the share of the tracks' turn rate that turns the
     vehicle; DRIFT its turn per metre when the tracks run alike, rad/m; CRAB its sideways travel per
     metre, whichever way it goes; CURVATURE the joint's, 1/m, positive to the right;
     TURNING_CRAB its sideways travel per radian of turn, metres. SETTLED_CENTRE is how much farther
-    ahead than ROTATION_CENTRE the centre of rotation comes to lie in a gentle turn that lasts,
+    ahead than ROTATION_CENTRE the centre of rotation comes to be in a gentle turn that lasts,
     metres. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those for now, and
     forget over `SETTLING_LENGTH`.
     """
@@ -93,9 +93,9 @@ class CrawlerGeometry:
     Parameters
     ----------
     laser_to_torch : float
-        How far the laser's line lies ahead of the torch, metres: D.
+        How far the laser's line is ahead of the torch, metres: D.
     centre_to_torch : float
-        How far the vehicle's centre lies ahead of the torch, metres: a0.
+        How far the vehicle's centre is ahead of the torch, metres: a0.
     """
 
     laser_to_torch: float

@@ -52,7 +52,7 @@ RIVAL_COST_MARGIN: Final = 12.0
 """By how many outliers a chain may be dearer than the cheapest and still be looked at."""
 
 CORNER_DISTANCE_BEYOND_POINTS: Final = 30e-3
-"""How far a corner may lie outside all points, in metres."""
+"""How far a corner may be outside all points, in metres."""
 
 SIDE_LENGTH_SLACK: Final = 0.8
 """A side may be shorter than the model's shortest, or longer than its longest, by this factor."""

@@ -492,7 +492,7 @@ def _drop_points_beside_ghosts(scaled: Array, keep: NDArray[np.bool_]) -> NDArra
     starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
     if not len(starts):
         return keep
-    # Outliers lie beside the surface themselves.
+    # Outliers are beside the surface themselves.
     edges = np.empty(len(starts) + 2, dtype=np.intp)
     edges[0], edges[1:-1], edges[-1] = 0, starts, len(keep)
     surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < FEWEST_POINTS_OF_GHOST

@@ -74,7 +74,7 @@ CAP_HEIGHT: Final = 0.5e-3
 """Width and least height of a seam weld's cap, in metres."""
 
 MOST_CAP_FOOT_SHARE: Final = 0.5
-"""An end of a cap lies lower than this share of its height: it grows out of the surface."""
+"""An end of a cap is lower than this share of its height: it grows out of the surface."""
 
 MOST_CAP_STEP_SHARE: Final = 0.4
 """Neighbouring points of a cap differ in height by less than this share of it."""
@@ -298,7 +298,7 @@ def _far_stretches(
 def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     """At which corners the points of one side go over into those of the next, shape (k - 1,).
 
-    Both are seen there, and few others lie between them. A side that is drawn on from far away
+    Both are seen there, and few others are between them. A side that is drawn on from far away
     meets another one as well, and so does a reflection.
     """
     on = fitted.points_on_sides

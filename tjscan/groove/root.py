@@ -41,7 +41,7 @@ ROOT_NOT_SEEN: Final = "root not seen"
 SEAM_BESIDE: Final = "seam weld beside"
 
 TACK_RATIO, TACK_HEIGHT = 0.165, 1.45e-3
-"""Height of a tack over its chord: a share of it, and metres. A pass that lies in a groove wets
+"""Height of a tack over its chord: a share of it, and metres. A pass that is in a groove wets
 both faces and is lower; a root bead that bulges is smaller."""
 
 CONVEX_WELD_RATIO: Final = 0.06
@@ -68,7 +68,7 @@ REFLECTION_DENSITY_IN_NOTCH: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
 
 FARTHEST_ROOT_DISTANCE: Final = 20e-3
-"""Metres along bevel or leg in which the root lies."""
+"""Metres along bevel or leg in which the root is."""
 
 FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
@@ -228,7 +228,7 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
 
     One that goes over neither into the bevel nor into the leg may be a reflection. One that goes
     over into one of them may be spatter there, or its far end may be a reflection. Then the corners
-    lie anywhere between the last points of bevel and leg and where these, drawn on, meet.
+    are anywhere between the last points of bevel and leg and where these, drawn on, meet.
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()

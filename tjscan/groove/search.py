@@ -44,7 +44,7 @@ PARTIAL_GROOVE_SHARE: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
 
 SIDE_TURN_SLACK: Final = radians(3)
-"""How far the fitted turns may lie outside the model's."""
+"""How far the fitted turns may be outside the model's."""
 
 REFUSED_COST_MARGIN: Final = 24.0
 """A fit that is rejected, but cheaper by more, in outliers, than every other, is what is seen."""
@@ -63,7 +63,7 @@ MOST_CHAINS_PER_FORM: Final = 3
 """Most chains of one form that are refined."""
 
 CORNER_POINT_DISTANCE: Final = 1.5e-3
-"""Points of both sides lie this near a corner that is seen, in metres."""
+"""Points of both sides are this near a corner that is seen, in metres."""
 
 FEWEST_AT_CORNER: Final = 2
 """Points of a side that show its corner."""

@@ -89,7 +89,7 @@ class ShapeErrors:
     ----------
     shift : ndarray, shape (k - 1, 2)
         For each corner of the side before and of the side after it: how far the surface is
-        likely to lie behind the fitted side.
+        likely to be behind the fitted side.
     sigma : ndarray, shape (k - 1, 2)
         Standard deviation about that, beyond what noise explains.
     """
@@ -104,7 +104,7 @@ def estimate_shape_errors(
     """Estimate what the sides' shapes add to the errors of their corners.
 
     Where points beside a corner leave a side together, either the surface does, and the corner
-    lies there, or something hides it, and the corner lies where the sides meet. The middle
+    is there, or something hides it, and the corner is where the sides meet. The middle
     between both is off by half the departure either way.
 
     Parameters
@@ -149,7 +149,7 @@ def estimate_shape_errors(
 def _unseen_side_shares(fitted: FittedProfile, gaps: Array) -> Array:
     """Root of the share of its side that each gap takes, shape (k - 1, 2).
 
-    A knee that a side may have lies in the gap with that probability. Wall and leg, which are
+    A knee that a side may have is in the gap with that probability. Wall and leg, which are
     tubes, have none.
     """
     found = np.zeros_like(gaps)
@@ -169,7 +169,7 @@ def _patch_sigmas(fitted: FittedProfile) -> Array:
     k = len(fitted.curves)
     found = np.zeros(k)
     edges = fitted.edges
-    # Noise lies along the rays: a side that slants shows less of it.
+    # Noise is along the rays: a side that slants shows less of it.
     along = fitted.sigmas / np.array(
         [c.sine_with_ray(m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
     )
@@ -222,7 +222,7 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             a, b = edges[i + j], edges[i + j + 1]
-            # Columns lie far apart on a steep side.
+            # Columns are far apart on a steep side.
             most = min(FEWEST_BESIDE_CORNER + 2, b - a)
             away = np.abs((fitted.along[a : a + most] if j else fitted.along[b - most : b]) - s)
             reach = min(max(CORNER_NEIGHBOURHOOD, float(away.max())), 2 * CORNER_NEIGHBOURHOOD)
@@ -264,7 +264,7 @@ def _has_jump(residuals: Array) -> bool:
 def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
     """Errors of a bead's heights at its two corners, shape (2, 2), if light may pull it in.
 
-    A fillet of steel looks the same: then the corners lie where they are seen.
+    A fillet of steel looks the same: then the corners are where they are seen.
     """
     shift, sigma = np.zeros((2, 2)), np.zeros((2, 2))
     probability = PULL_PROBABILITY * pull.probability

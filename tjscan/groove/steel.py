@@ -231,7 +231,7 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
 
 
 def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
-    """What surfaces cost, shape (n, l), whose blocks, shape (l, b), lie so far behind them."""
+    """What surfaces cost, shape (n, l), whose blocks, shape (l, b), are so far behind them."""
     bare = off**2
     pitch = abs(float(np.median(np.diff(along)))) / SCALE_PATCH_WIDTH
     rarely = max(-2 * log(pitch), 0.0)

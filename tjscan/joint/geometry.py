@@ -212,7 +212,7 @@ class Ellipse:
         direction : array_like, shape (n,)
             Angles from the first axis, in radians.
         centre : ndarray, shape (n, 2), optional
-            Of the ellipse; the origin lies inside.
+            Of the ellipse; the origin is inside.
         """
         A, B, C = self.quadratic_coefficients()
         u, v = np.cos(direction), np.sin(direction)

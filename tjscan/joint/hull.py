@@ -56,7 +56,7 @@ class WeldBead(SettingsTable):
     crown : float
         How far its middle rises over (or sags below) its toes, in metres.
     left, right : float
-        Where its toes lie, as shares of half the groove's width at its level; -1 to 1 reaches
+        Where its toes are, as shares of half the groove's width at its level; -1 to 1 reaches
         from bevel to bevel, more laps over the hull.
     """
 

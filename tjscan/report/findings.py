@@ -167,7 +167,7 @@ def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
     """Give the headline's numbers: the deviation if there is one, then the groove itself.
 
     Corners speak for a deviation, for a cloud's extremes are the laser's ghosts. If a cloud
-    alone was compared, the half of it that lies closest does.
+    alone was compared, the half of it that is closest does.
 
     Parameters
     ----------

@@ -149,7 +149,7 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
     if (count < FEWEST_POINTS).any():
         return np.empty((0, 3)), np.empty(0)
     curve = _side_curve(s, d, float(length))
-    # Averaged along the curve, not across it: the mean of a bent line lies beside it.
+    # Averaged along the curve, not across it: the mean of a bent line is beside it.
     at = np.bincount(share, s, NODES_PER_SIDE) / count
     height = curve(at) + np.bincount(share, d - curve(s), NODES_PER_SIDE) / count
     noise = max(float(np.std(d - curve(s))), LEAST_POINT_SIGMA)

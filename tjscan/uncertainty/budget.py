@@ -255,7 +255,7 @@ def aligned_budget(
     turned = np.cross(at, across)
     columns = [across, turned]
     if by_tubes:
-        # Radii, and how the leg lies beside and under the brace: offset along y, turn about it.
+        # Radii, and how the leg is beside and under the brace: offset along y, turn about it.
         on_leg = np.tile((0.0, 0.0, 1.0, 1.0), n)
         shift, turn = on_leg * across[:, 1], on_leg * turned[:, 1]
         columns.append(np.column_stack((1 - on_leg, on_leg, shift, turn)))

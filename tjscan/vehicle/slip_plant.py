@@ -1,7 +1,7 @@
 """Truth of a vehicle whose tracks slip by given ratios.
 
 Longitudinal slip, yaw efficiency, yaw drift, crab and an instantaneous centre of rotation that
-lies ahead in the direction of travel.
+is ahead in the direction of travel.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class TrackLoad:
     Parameters
     ----------
     pads : PadSettings
-        Friction, grip, weight, and how the surface lies.
+        Friction, grip, weight, and the surface's inclination.
     tracks : TrackGeometry
     """
 
@@ -98,7 +98,7 @@ class SlipSettings(SettingsTable):
         β, what the vehicle turns while it should drive straight, rad/m; 10 mrad/m where p > 0.
     crab : float, optional
         γ, sideways over forward speed, radians; p · 50 mrad. It is towards y of frame v however
-        the vehicle drives, for it is the weight that pulls: down lies to the right.
+        the vehicle drives, for it is the weight that pulls: down is to the right.
     turning_crab : float, optional
         c, what crab gains with the turn rate, metres. Nothing: the ratio leaves it out.
     icr_ahead : float, optional

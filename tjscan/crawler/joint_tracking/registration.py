@@ -39,10 +39,10 @@ since hides much of a bevel, but over another joint only the places where outlin
 
 DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 """Standard deviations and metres between which a point lies deeper than the reference as another
-joint's would: the arc's light lies anywhere, mostly farther."""
+joint's would: the arc's light is anywhere, mostly farther."""
 
 MOST_DEEPER_SHARE: Final = 0.2
-"""Share of what a side shows that may lie deeper: a pass adds steel and takes none away."""
+"""Share of what a side shows that may be deeper: a pass adds steel and takes none away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -42,7 +42,7 @@ LONGEST_LINK_STEP: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
 
 LARGEST_ESTIMATE_OVERLAP: Final = 0.01
-"""Metres by which the estimated cable may lie nearer to a body, or to itself, than a plan may bring
+"""Metres by which the estimated cable may be nearer to a body, or to itself, than a plan may bring
 it: between vehicles the floor holds it back from where it is planned."""
 
 NEAR_LIMIT: Final = 0.7
@@ -217,7 +217,7 @@ class CheckedShape:
         return self.off < POSE_TOLERANCE and self.margin > LEAST_KEPT_MARGIN
 
     def objection(self, estimate: Array, pressed: Sequence[str] = ()) -> str:
-        """Why it may not be sent to vehicles whose cable lies as estimated, or nothing.
+        """Why it may not be sent to vehicles whose cable is as estimated, or nothing.
 
         Parameters
         ----------
