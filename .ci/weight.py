@@ -1,10 +1,10 @@
 """Hold the weight of the program against the table in ``weight.toml``.
 
 Prints, for every room of ``tjscan/``, its code lines and files, then the whole program's small
-files, the files on a profile's way, module constants of one bare word, and words that the texts
-avoid; ends with 1 where a figure is larger than its entry. Lower an entry whenever a change makes
-it possible; raise one only with a reason as a comment beside it. ``--write`` lowers the entries
-to what is measured and keeps their comments.
+files, the files on a profile's way, module constants of one bare word (the loopback's, too), and
+words that the texts avoid; ends with 1 if a figure is larger than its entry. Lower an entry
+whenever a change makes it possible; raise one only with a reason as a comment beside it.
+``--write`` lowers the entries to what is measured and keeps their comments.
 
 Code lines are lines that are neither blank nor comment nor docstring.
 """
@@ -25,6 +25,7 @@ from profile_way import trace_profile_way
 
 ROOT: Final = Path(__file__).parents[1]
 PROGRAM: Final = ROOT / "tjscan"
+LOOPBACK: Final = ROOT / "loopback"
 TABLE_FILE: Final = Path(__file__).with_name("weight.toml")
 
 UNIT_SYMBOLS: Final = frozenset(
@@ -77,6 +78,7 @@ def one_word_constants(source: str) -> list[str]:
         targets = node.targets if isinstance(node, ast.Assign) else []
         if isinstance(node, ast.AnnAssign):
             targets = [node.target]
+        targets = [one for target in targets for one in getattr(target, "elts", [target])]
         names = [target.id.strip("_") for target in targets if isinstance(target, ast.Name)]
         found += [name for name in names if len(name) > 1 and name.isupper() and "_" not in name]
     return [name for name in found if name not in UNIT_SYMBOLS]
@@ -97,7 +99,8 @@ def measure() -> dict[str, dict[str, int]]:
         whole["files"] += 1
         small = count < SMALL_FILE_LINES and file.name != "__init__.py"
         whole["files_under_40_lines"] += small
-        for name in one_word_constants(source):
+    for file in sorted([*PROGRAM.rglob("*.py"), *LOOPBACK.rglob("*.py")]):
+        for name in one_word_constants(file.read_text(encoding="utf-8")):
             whole["one_word_constants"] += 1
             print(f"{file.relative_to(ROOT)}: {name} is one bare word", file=sys.stderr)
     whole["avoided_words"] = count_avoided_words()

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.calibrate import ArmModel, TargetInPostures, calibrate_arm
-from tjscan.calibration.arm.wizard import BallPlan, PlannedView, plan_views
+from tjscan.calibration.arm.wizard import PlannedPosture, PosturePlan, plan_postures
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets.ball import SphereModel, SphereTarget
 from tjscan.core.frames import Array, pose
@@ -39,12 +39,12 @@ def kinematics() -> Kinematics:
 
 
 @cache
-def views() -> tuple[PlannedView, ...]:
+def views() -> tuple[PlannedPosture, ...]:
     """Postures as the wizard would plan them."""
-    plan = BallPlan(
+    plan = PosturePlan(
         CENTRE_B, RADIUS, T_F_S, WINDOW, NOISE, PlacementTolerance(), poses=44, held_out=12
     )
-    planned = plan_views(plan, kinematics())
+    planned = plan_postures(plan, kinematics())
     used = [view for view in planned if not view.held_out][:44]
     return (*used, *[view for view in planned if view.held_out][:12])
 
@@ -76,7 +76,7 @@ class BallArm:
         deviations = PlacementTolerance().sigmas * rng.standard_normal((6, 6))
         return cls(deviate_joint_frames(kinematics(), deviations), rng)
 
-    def seen(self, chosen: list[PlannedView]) -> ArmModel:
+    def seen(self, chosen: list[PlannedPosture]) -> ArmModel:
         """Arcs of the ball: the circle in which the laser plane cuts it, with noise."""
         centres, radii = [], []
         for view in chosen:

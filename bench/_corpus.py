@@ -25,7 +25,7 @@ from tjscan.calibration.wizard.logbook import (
     SkippedPose,
     read_calibration_entries,
 )
-from tjscan.cli.options.overrides import parse_overrides
+from tjscan.cli.options.shared import parse_overrides
 from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance
@@ -52,7 +52,13 @@ from tjscan.runs.tasks import study_backend_of_task
 from tjscan.scanning.recording import ScanRecordingWriter, read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 from tjscan.study.file import plan_study, read_study_file
-from tjscan.study.run import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
+from tjscan.study.run import (
+    PLAN_FILE,
+    STUDY_ROWS_FILE,
+    make_study_directory,
+    read_rows,
+    read_trials,
+)
 from tjscan.study.trial import StudyRow
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -218,7 +224,7 @@ def _studies(folder: Path) -> Iterator[Reader]:
     rows = b"".join(StudyRow.from_trial(t, short).to_json_line().encode() + b"\n" for t in trials)
     yield Reader(
         "rows",
-        f"study/{ROWS_FILE}",
+        f"study/{STUDY_ROWS_FILE}",
         (rows,),
         lambda f: read_rows(f.parent, trials, study_backend_of_task),
         1,

@@ -86,6 +86,31 @@ def write_job(name: str, text: str) -> Callable[[Path], None]:
     return write
 
 
+RECORDED_LINES: Final = RECORDED_SETS.parent / "openlmd-lines"
+RECORDED_PLANE_JOB: Final = """[[recorded]]
+profiles = "plane_profiles.csv"
+poses = "plane_poses.csv"
+units = "mm"
+target = "plane"
+[noise]
+range_mm = 0.15
+position_mm = 0.2
+rotation_deg = 0.05
+"""
+
+POSE_HEADER: Final = "profile,x_mm,y_mm,z_mm,qx,qy,qz,qw"
+
+
+def write_plane_set(runs: Path) -> None:
+    """Write the recorded lines on a board as tables with a header, as `tjscan calibrate` reads."""
+    kinds = {"profiles": ("profile,x_mm,z_mm", (0, 4, 3)), "poses": (POSE_HEADER, range(8))}
+    for kind, (header, columns) in kinds.items():
+        _, *lines = (RECORDED_LINES / f"root_{kind}.csv").read_text(encoding="utf-8").splitlines()
+        cells = [line.split(",") for line in lines]
+        rows = [",".join([f"{float(c[0]):.0f}", *(c[i] for i in columns[1:])]) for c in cells]
+        (runs / f"plane_{kind}.csv").write_text("\n".join((header, *rows)), encoding="utf-8")
+
+
 def scan_of(example: str, run: str, *options: str) -> tuple[str, ...]:
     """The command that scans an example into a run."""
     return ("scan", f"{{example}}/{example}.toml", "--out", f"{{runs}}/{run}", *options)
@@ -198,6 +223,25 @@ GOLDEN_RUNS: Final = (
         reads_recorded_sets=True,
     ),
     GoldenRun(
+        "calibrate-plane",
+        (
+            write_plane_set,
+            write_job("plane.toml", RECORDED_PLANE_JOB),
+            ("calibrate", "{runs}/plane.toml", "--out", "{runs}/plane"),
+        ),
+        ("plane/calibration.toml",),
+        reads_recorded_sets=True,
+    ),
+    GoldenRun(
+        "calibrate-resume",
+        (
+            cut_recording("calibrate", 0.5, ("calibration.toml",)),
+            ("calibrate", "--resume", "{runs}/calibrate-cut", "--unattended"),
+        ),
+        files_of("calibrate-cut", "calibration.toml"),
+        needs="calibrate",
+    ),
+    GoldenRun(
         "crawl",
         (
             ("crawl", "run", "{jobs}/crawl.toml", "--out", "{runs}/crawl"),
@@ -207,6 +251,15 @@ GOLDEN_RUNS: Final = (
             ),
         ),
         files_of("crawl", "passes.csv", "weld-log.json") + files_of("crawl-replay", "passes.csv"),
+    ),
+    GoldenRun(
+        "crawl-resume",
+        (
+            cut_recording("crawl", 0.5, ("passes.csv", "weld-log.json")),
+            ("crawl", "run", "--resume", "{runs}/crawl-cut"),
+        ),
+        files_of("crawl-cut", "passes.csv"),
+        needs="crawl",
     ),
     GoldenRun(
         "tow",
@@ -264,12 +317,16 @@ def make_run(golden: GoldenRun, runs: Path) -> str:
         "cad": str(ROOT / "cad"),
         "jobs": str(ROOT / "bench" / "goldens" / "jobs"),
     }
+    # Sums by several threads differ in their last digits.
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     for step in golden.steps:
         if not isinstance(step, tuple):
             step(runs)
             continue
         command = [sys.executable, "-m", "tjscan", *(word.format(**places) for word in step)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=runs)
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, cwd=runs, env=environment
+        )
         if done.returncode not in (0, 3):
             return f"{' '.join(command)} ended with {done.returncode}: {done.stderr[-2000:]}"
         if golden.printed:

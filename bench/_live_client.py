@@ -14,8 +14,7 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from tjscan.live.buttons import HELD_BUTTON_RATE
-from tjscan.live.page import Page
+from tjscan.live.page import HELD_BUTTON_RATE, Page
 
 LONGEST = 30.0
 """Seconds within which a page sends what it has, on a busy machine."""

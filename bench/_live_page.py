@@ -35,9 +35,8 @@ from tjscan.core.frames import Array
 from tjscan.crawler.journal import read_crawl
 from tjscan.crawler.phases import Phase
 from tjscan.live.access import LOOPBACK_ADDRESS
-from tjscan.live.buttons import Button
 from tjscan.live.colours import ARM_COLOUR, viridis_colours
-from tjscan.live.page import Page, PageAddress
+from tjscan.live.page import Button, Page, PageAddress
 from tjscan.live.step import SceneSetup
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.tasks import read_recorded_show
@@ -120,7 +119,7 @@ def traffic_rows(run: Path) -> Iterator[Row]:
         client.receive()
         for step in show.steps:
             begun = time.thread_time()
-            page.show(step)
+            page.show_step(step)
             seconds.append(time.thread_time() - begun)
             sizes.append(client.receive())
         bound = _bound_addresses(page.server.get_port())

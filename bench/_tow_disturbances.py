@@ -18,14 +18,14 @@ from numpy.random import Generator
 
 from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.core.frames import Array
-from tjscan.job.tow.cell import TowCell, make_planner, make_tow_cell, sweep_seam
+from tjscan.job.tow.cell import TowCell, check_seam, make_shape_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.run import make_tow
 from tjscan.runs.tow.study import InMemoryTowJournal
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
-from tjscan.vehicle.simulated_body import STATE_PERIOD
+from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
 from tjscan.vehicle.simulated_team import SimulatedLocalisation, SimulatedTeam
 
 DISTURBANCE_BEGINS: Final = (3.0, 6.0)
@@ -60,7 +60,7 @@ class DisturbedTeam(SimulatedTeam):
         for vehicle in self.vehicles:
             self.world.order(vehicle.which, vehicle.twist_to_drive())
         self._disturb()
-        self.world.advance(STATE_PERIOD)
+        self.world.advance(VEHICLE_STATE_PERIOD)
         for vehicle in self.vehicles:
             vehicle.store_world_state()
 
@@ -119,8 +119,8 @@ def tow_disturbed(
     job: TowJob, disturb: Callable[[TowingWorld, SimulatedLocalisation], None]
 ) -> DisturbedTow:
     """Tow in a world that is disturbed."""
-    planner = make_planner(job)
-    sweep = sweep_seam(job, planner)
+    planner = make_shape_planner(job)
+    sweep = check_seam(job, planner)
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     world, seen = cell.world, cell.localisation
@@ -261,10 +261,10 @@ DISTURBANCES: Final[dict[str, tuple[Callable[[Generator], Disturb], set[str]]]] 
     "drives backwards": (_drive_backwards, {"off plan"}),
     "drives crooked": (_drive_crooked, {"off plan"}),
     "turns on the spot": (_turn_on_the_spot, {"off plan"}),
-    "does not move, and does not report it": (_stand, {"stands"}),
-    "jams, and reports it": (_jam, {"stands"}),
+    "does not move, and does not report it": (_stand, {"stopped"}),
+    "jams, and reports it": (_jam, {"stopped"}),
     "slips by half": (partial(_slip, 0.35, 0.7), {"slips"}),
-    "spins and does not move": (partial(_slip, 0.95, 1.0), {"slips", "stands"}),
+    "spins and does not move": (partial(_slip, 0.95, 1.0), {"slips", "stopped"}),
     "is carried aside": (_carry_aside, {"moved", "slips"}),
     "is pushed": (_push, {"moved"}),
     "encoders show a standstill": (_stop_encoders, {"moved"}),
@@ -277,7 +277,7 @@ DISTURBANCES: Final[dict[str, tuple[Callable[[Generator], Disturb], set[str]]]] 
 }
 """What is wrong, and the names under which that may be noticed."""
 
-OWN_NAMES: Final = ("off plan", "stands", "slips", "moved", "noisy poses", "no pose")
+OWN_NAMES: Final = ("off plan", "stopped", "slips", "moved", "noisy poses", "no pose")
 
 
 def causes_named(tow: DisturbedTow, until: float) -> dict[str, set[str]]:
@@ -345,7 +345,7 @@ def visiting_obstacle_keys(seed: int) -> dict[str, Any]:
         stop = np.array((rng.uniform(0.3, 0.7) * x, y - rng.uniform(300, 1200)))
         away = 900.0 * np.array((rng.uniform(-0.5, 0.5), -1.0))
     job = read_tow_job(EXAMPLES / "tow-simulation.toml", piece)
-    links = 1e3 * sweep_seam(job, make_planner(job)).start.link_poses[:, :2]
+    links = 1e3 * check_seam(job, make_shape_planner(job)).start.link_poses[:, :2]
     begin = stop + away
     while np.hypot(*(links - begin).T).min() < 1e3 * (radius + job.vehicles.radius) + CLEAR_START:
         begin += 0.05 * away

@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.core.errors import TjscanError
 from tjscan.job.tow.job import read_tow_job
-from tjscan.runs.tow.study import TowOutcome, run_study_tow
+from tjscan.runs.tow.study import TowOutcome, tow_for_study
 
 EXAMPLES: Final = Path(__file__).parents[1] / "examples"
 
@@ -65,7 +65,7 @@ def run_tow(tow: Tow, seed: int) -> TowOutcome:
     """Tow once; what can't even begin is an outcome too."""
     try:
         keys = {**tow.keys, "simulation.seed": seed}
-        return run_study_tow(read_tow_job(EXAMPLES / f"{tow.job}.toml", keys))
+        return tow_for_study(read_tow_job(EXAMPLES / f"{tow.job}.toml", keys))
     except TjscanError as error:
         return TowOutcome(False, type(error).__name__, str(error))
 

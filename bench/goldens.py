@@ -209,10 +209,10 @@ def measure(only: frozenset[str], exact: bool, freeze: bool) -> Iterator[Row]:
             problem = make_run(golden, runs)
             if problem:
                 print(problem, file=sys.stderr)
+            elif freeze and golden in chosen:
+                freeze_run(golden, runs)
             if golden not in chosen:
                 continue
-            if freeze and not problem:
-                freeze_run(golden, runs)
             found = differences(golden, runs)
             for name, difference in found.items():
                 if difference:

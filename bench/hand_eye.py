@@ -31,7 +31,7 @@ from tjscan.calibration.targets.roof import RoofFit, SeenRoof, fit_roof
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
 from tjscan.calibration.wizard.logbook import LaserLineTaken, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
-from tjscan.calibration.wizard.session import BoardRectangle, CalibrationPlan, LinePrediction
+from tjscan.calibration.wizard.session import BoardRectangle, CalibrationPlan, LinePredictor
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.pose_vector import boxminus
@@ -95,7 +95,7 @@ class Stage:
         window = LaserModel().measuring_range
         centre = np.array((0.8, 0.1, 0.05))
         plane = plane_through_point(centre, (0.05, 0.02, 1.0))
-        axes = PlaneTarget.unknown_plane(plane, centre).axes_b
+        axes = PlaneTarget.from_unknown_plane(plane, centre).axes_b
         grid = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * HALF_BOARD
         places = centre + grid @ axes
         target = fit_plane(places, NOISE.touch, centre + plane.u)
@@ -169,7 +169,7 @@ def worst(T_f_s: Array) -> float:
 def monte_carlo(stage: Stage) -> list[Row]:
     rng = np.random.default_rng(2)
     hand = BoardSimulator(T_F_S, stage.plane, stage.window, NOISE)
-    predicted = LinePrediction(T_F_S, stage.target, stage.window, NOISE)
+    predicted = LinePredictor(T_F_S, stage.target, stage.window, NOISE)
     bound: HandEyeUncertainty = predicted.uncertainty(stage.poses)
     refined, closed, squares = [], [], []
     for _ in range(RUNS):

@@ -12,7 +12,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
-from tjscan.cli import app
+from tjscan.cli import add_commands_of_packages, app
 from tjscan.cli.files import json_schema_of_kind
 from tjscan.job.reading import FILE_KINDS, FileKind
 
@@ -95,6 +95,7 @@ def _heading(name: str) -> str:
 
 def _page_of_commands() -> str:
     """A page of all commands and their options."""
+    add_commands_of_packages()
     head, _, commands = app.generate_docs().partition("## Table of Contents")
     return head.replace("# tjscan", "# The command line", 1) + commands[commands.index("\n## ") :]
 

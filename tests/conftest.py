@@ -28,6 +28,16 @@ def ctrl_c_is_heard() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+LONGEST_FIRST = ("towing", "study", "live", "runs", "cli", "robot", "calibration")
+"""Rooms whose files take longest: begun first, none of them is left for one worker at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of rooms that take longest first."""
+    order = {room: place for place, room in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: order.get(item.path.parent.name, len(order)))
+
+
 MISSING_DATA = "the recorded "
 """Beginning of the reason of a skip for recorded data that is missing: no part of the project."""
 

@@ -21,7 +21,7 @@ def ur_loopback(
     calibration_seed: int | None = None,
     attached: bool = False,
 ) -> None:
-    """Stand in for a Universal Robots controller on this machine, until interrupted.
+    """Simulate a Universal Robots controller on this machine, until interrupted.
 
     A line on stdin commands a fault: protective-stop, emergency-stop, power-off, local-mode,
     drop-link, freeze, refuse-targets, stop-program, miss-target or refuse-stop; clear sets all
@@ -68,7 +68,7 @@ def laser_loopback(
     serial: str = "1",
     attached: bool = False,
 ) -> None:
-    """Stand in for a GigE Vision line laser on this machine, until interrupted.
+    """Simulate a GigE Vision line laser on this machine, until interrupted.
 
     It sends the profiles of a job's simulated laser, or of a recording, one after another.
     Every key of the job file is an option too. A line on stdin commands a fault: loss PER_CENT,
@@ -92,7 +92,7 @@ def laser_loopback(
     attached
         End when stdin ends.
     """
-    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan.cli.options.shared import parse_overrides
     from tjscan_loopback.profiles import run_loopback_laser
 
     run_loopback_laser(
@@ -115,7 +115,7 @@ def vehicle_loopback(
     seed: int = 0,
     attached: bool = False,
 ) -> None:
-    """Stand in for vehicles on this machine, behind an MQTT broker on it, until interrupted.
+    """Simulate vehicles on this machine, behind an MQTT broker on it, until interrupted.
 
     With the job of a tow they hold its cable and are seen by a tracker; else they are crawlers. A
     line on stdin commands a fault: drive-fault, drop-link, freeze, stale or nan; of crawlers slip,
@@ -156,7 +156,7 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
     if "seam" not in read_toml(file):
         return None
     from tjscan.core.config import add_file_to_errors
-    from tjscan.job.tow.cell import make_planner, sweep_seam
+    from tjscan.job.tow.cell import check_seam, make_shape_planner
     from tjscan.job.tow.job import read_tow_job
     from tjscan.job.tow.simulation import towing_world_of_job
     from tjscan.vehicle.cable.world import TowingWorld
@@ -164,7 +164,7 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
 
     job = read_tow_job(file)
     with add_file_to_errors(file):
-        sweep = sweep_seam(job, make_planner(job))
+        sweep = check_seam(job, make_shape_planner(job))
         sweep.refuse_if_blocked()
     world = TowingWorld(towing_world_of_job(job), sweep.start.angles, seed=seed)
     return TowingBodies(world, job.simulation.localisation, seed)

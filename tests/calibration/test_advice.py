@@ -29,7 +29,7 @@ from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.session import (
     BoardRectangle,
     CandidatePoseGrid,
-    LinePrediction,
+    LinePredictor,
     ReachabilityCheck,
     visible_lines_on_plane,
 )
@@ -38,7 +38,7 @@ from tjscan.core.frames import Array, inverse_pose, transform_points
 
 TARGET = target()
 BOARD = BoardRectangle.through_touched_points(PLACES, TARGET)
-PREDICTION = LinePrediction(T_F_S, TARGET, WINDOW, NOISE)
+PREDICTION = LinePredictor(T_F_S, TARGET, WINDOW, NOISE)
 
 
 def planned(
@@ -48,7 +48,7 @@ def planned(
     reachable: ReachabilityCheck = lambda _: True,
 ) -> Array:
     """One suggestion after the other, none twice."""
-    prediction = LinePrediction(T_f_s, target, WINDOW, NOISE)
+    prediction = LinePredictor(T_f_s, target, WINDOW, NOISE)
     left = list(prediction.candidate_poses(BOARD, CandidatePoseGrid()))
     taken: list[Array] = []
     for _ in range(count):
@@ -105,7 +105,7 @@ def test_suggested_poses_are_well_conditioned_also_when_the_mount_is_known_rough
 
 
 def test_with_an_unknown_plane_suggested_poses_vary_their_tilts() -> None:
-    unknown = PlaneTarget.unknown_plane(PLANE, CENTRE)
+    unknown = PlaneTarget.from_unknown_plane(PLANE, CENTRE)
     poses = planned(target=unknown)
     taken = samples(poses, shots(poses, HAND, np.random.default_rng(0)))
     assert calibrate_on_plane(taken, None, NOISE).uncertainty.position < 0.5e-3

@@ -16,7 +16,7 @@ from tjscan.calibration.arm.calibrate import (
     calibrate_arm,
     estimate_deviations,
 )
-from tjscan.calibration.arm.wizard import BallPlan, plan_views
+from tjscan.calibration.arm.wizard import PosturePlan, plan_postures
 from tjscan.calibration.closed_form import PluckerPlane
 from tjscan.calibration.targets.line import LineBundle
 from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget
@@ -103,8 +103,8 @@ def test_what_can_not_be_told_is_named_and_left() -> None:
     found = calibrated_once(1)
     said = "\n".join(found.undetermined)
     assert "joint 1: length x, length y, length z, twist x, twist y, offset" in said
-    assert "can't be told from where the target is" in said
-    assert "joint 6: length z, offset can't be told from how the sensor sits" in said
+    assert "not separable from where the target is" in said
+    assert "joint 6: length z, offset not separable from how the sensor sits" in said
     sigma = np.sqrt(np.diag(found.estimate.covariance))[6:42].reshape(6, 6)
     np.testing.assert_allclose(sigma[0], SIGMAS[0], rtol=0.05)
     assert np.abs(found.estimate.deviations[0] / SIGMAS[0]).max() < 0.1
@@ -174,14 +174,14 @@ def lines_on(T_b_board: Array, true: Kinematics, rng: np.random.Generator) -> Ta
     )
     u = T_b_board[:3, 2]
     plane = PluckerPlane(u, -float(u @ T_b_board[:3, 3]))
-    target = PlaneTarget.unknown_plane(plane, T_b_board[:3, 3])
+    target = PlaneTarget.from_unknown_plane(plane, T_b_board[:3, 3])
     return TargetInPostures(PlaneModel(lines, target, NOISE), q, T_b_f, np.zeros(3))
 
 
 def test_postures_that_only_check_look_every_way() -> None:
     window = MeasuringRange(near=0.19, far=0.29, apex_z=-0.028, half_angle=0.188, columns=640)
-    plan = BallPlan(CENTRE_B, 0.03, T_F_S, window, NOISE, TOLERANCE, poses=44, held_out=12)
-    views = [view for view in plan_views(plan, kinematics()) if view.held_out][:12]
+    plan = PosturePlan(CENTRE_B, 0.03, T_F_S, window, NOISE, TOLERANCE, poses=44, held_out=12)
+    views = [view for view in plan_postures(plan, kinematics()) if view.held_out][:12]
     ways = np.array([view.T_b_f[:3, 2] for view in views])
     cosines = (ways @ ways.T)[np.triu_indices(len(ways), 1)]
     apart = np.degrees(np.arccos(np.clip(cosines, -1, 1)))

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.calibration.arm.calibrate import ArmGeometryDeviation
 from tjscan.calibration.checks import verify_with_fresh_line
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.noise import ARM_REACH, NoiseModel, geometry_error_correlation
+from tjscan.calibration.noise import TYPICAL_FLANGE_LEVER, NoiseModel, geometry_error_correlation
 from tjscan.calibration.targets.line import LineFit
 from tjscan.calibration.targets.plane import SeenBoard, fit_plane
 from tjscan.calibration.targets.target import PosedFit
@@ -38,7 +38,7 @@ POSES = circle(25)
 def test_poses_that_are_alike_err_alike() -> None:
     R = Rotation.from_rotvec([(0, 0, 0), (0, 0, 0), (0, 0, 1.0), (0, 0, np.pi)]).as_matrix()
     T = np.stack([pose(one) for one in R])
-    T[1, 0, 3] = ARM_REACH
+    T[1, 0, 3] = TYPICAL_FLANGE_LEVER
     found = geometry_error_correlation(T)
     # exp(-1/2) after a radian or after the reach, and all of it at the same pose.
     np.testing.assert_allclose(np.diag(found), 1)
@@ -49,7 +49,11 @@ def test_poses_that_are_alike_err_alike() -> None:
 def drawn(size: float, rng: np.random.Generator) -> Array:
     """The poses where the flange truly is, if the arm's geometry is that much off."""
     root = np.linalg.cholesky(geometry_error_correlation(POSES) + 1e-9 * np.eye(len(POSES)))
-    off = size * root @ (rng.standard_normal((len(POSES), 6)) / np.repeat((1, ARM_REACH), 3))
+    off = (
+        size
+        * root
+        @ (rng.standard_normal((len(POSES), 6)) / np.repeat((1, TYPICAL_FLANGE_LEVER), 3))
+    )
     return np.stack([boxplus(T, step) for T, step in zip(POSES, off, strict=True)])
 
 

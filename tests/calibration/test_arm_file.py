@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from tjscan.calibration.file import FILE_UNITS_PER_SI, ArmKinematicsEntry, in_file_units
+from tjscan.calibration.file import FILE_UNITS_PER_SI, ArmKinematicsEntry, rows_in_file_units
 
 
 def entry(**changes: object) -> ArmKinematicsEntry:
@@ -16,8 +16,8 @@ def entry(**changes: object) -> ArmKinematicsEntry:
     made = ArmKinematicsEntry(
         model="ur10e",
         deviations=tuple(map(tuple, deviations.tolist())),
-        covariance=in_file_units(1e-8 * root @ root.T, axes=2),
-        left_as_stated=("joint 1: offset can't be told from where the target is",),
+        covariance=rows_in_file_units(1e-8 * root @ root.T, axes=2),
+        left_as_stated=("joint 1: offset not separable from where the target is",),
         held_out_poses=10,
         held_out_before_mm=0.3,
         held_out_after_mm=0.08,

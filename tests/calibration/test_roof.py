@@ -103,7 +103,7 @@ def test_the_derivatives_are_those_of_the_residuals() -> None:
     rng = np.random.default_rng(0)
     taken = roofs(rng, 6)
     T_b_f, fits = np.stack([s.T_b_f for s in taken]), [s.fit for s in taken]
-    target = RoofTarget(*(PlaneTarget.unknown_plane(p, EDGE_B) for p in PLANES))
+    target = RoofTarget(*(PlaneTarget.from_unknown_plane(p, EDGE_B) for p in PLANES))
     T, where = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), 0.01 * rng.standard_normal(6)
     found, h = model_of(T_b_f, fits, target).linearise(T, where), 1e-6
     for i in range(6):

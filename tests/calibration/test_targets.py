@@ -17,7 +17,7 @@ def test_three_points_fix_a_plane() -> None:
     found = fit_plane(PLACES[[0, 2, 6]], NOISE.touch, CENTRE + PLANE.u)
     np.testing.assert_allclose(found.plane.u, PLANE.u, atol=EXACT)
     assert found.plane.u0 == pytest.approx(PLANE.u0, abs=EXACT)
-    assert found.was_touched
+    assert found.is_place_known
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -64,8 +64,8 @@ def test_a_bad_touch_is_named() -> None:
 @settings(max_examples=20, deadline=None)
 def test_an_unknown_plane_keeps_its_start(seed: int) -> None:
     near = np.random.default_rng(seed).standard_normal(3)
-    unknown = PlaneTarget.unknown_plane(PLANE, near)
-    assert not unknown.was_touched
+    unknown = PlaneTarget.from_unknown_plane(PLANE, near)
+    assert not unknown.is_place_known
     assert PLANE.signed_distances(unknown.centre_b) == pytest.approx(0.0, abs=EXACT)
     np.testing.assert_allclose(unknown.axes_b @ PLANE.u, 0, atol=EXACT)
     np.testing.assert_allclose(unknown.boxplus(np.zeros(3)).u, PLANE.u, atol=EXACT)

@@ -24,7 +24,7 @@ from raw_topics import raw_topic
 from scipy.spatial.transform import Rotation
 from written import content
 
-from tjscan.calibration.checks import Verification
+from tjscan.calibration.checks import FreshLineVerification
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.target import PosedProfile
@@ -108,7 +108,9 @@ class Stage:
         self.cell, self.probe = make_calibration_cell(job, T_f_s)
         self.folder = folder
 
-    def run(self, watcher: Watcher, **devices: Any) -> tuple[HandEyeCalibration, Verification]:
+    def run(
+        self, watcher: Watcher, **devices: Any
+    ) -> tuple[HandEyeCalibration, FreshLineVerification]:
         with Logbook(self.folder, self.task.T_f_s) as logbook, self.cell as cell:
             parts: dict[str, Any] = {"laser": cell.laser, "probe": self.probe} | devices
             return CalibrationWizard(

@@ -11,7 +11,7 @@ from command import tjscan
 
 from tjscan.cli import COMMAND_GROUPS, app
 from tjscan.cli.options import completion
-from tjscan.cli.options.completion import KIND_OF_JOB, options_of_job
+from tjscan.cli.options.completion import JOB_KIND_OF_COMMAND, options_of_job
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import read_scan_job
 
@@ -22,8 +22,8 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HOME", str(folder))
         # Two of the commands: a script of all takes seconds to make.
-        two = {path: KIND_OF_JOB[path] for path in (("scan",), ("crawl", "run"))}
-        patch.setattr(completion, "KIND_OF_JOB", two)
+        two = {path: JOB_KIND_OF_COMMAND[path] for path in (("scan",), ("crawl", "run"))}
+        patch.setattr(completion, "JOB_KIND_OF_COMMAND", two)
         script = folder / "tjscan.bash"
         assert tjscan("--install-completion", "--shell", "bash", "--output", script) == 0
     return script
@@ -65,5 +65,5 @@ def test_all_commands_that_take_keys_are_known_and_left_as_they_were(script: Pat
             function = group[name].default_command
             if function is not None and "overrides" in signature(function).parameters:
                 taking.add((name,) if group is app else (group.name[0], name))
-    assert taking == set(KIND_OF_JOB)
+    assert taking == set(JOB_KIND_OF_COMMAND)
     assert getattr(app["scan"].default_command, "__name__", "") == "scan"

@@ -41,6 +41,7 @@ def test_the_package_of_a_loopback_device_is_named(
     command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("tjscan.cli.app", App(name="tjscan"))
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: ())
     assert tjscan(command) == 2
     assert "pip install ./loopback" in " ".join(capsys.readouterr().err.split())
 

@@ -12,7 +12,7 @@ from cells import PAPER
 from command import tjscan
 from laser_cell import loopback_laser, require_broadcasts, write_groove_profiles
 
-from tjscan.cli.output.laser import draw_profile
+from tjscan.cli.output.results import draw_profile
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
 from tjscan.laser.profile import Profile

@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import write_files_atomically
-from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
+from tjscan.core.manifest import MANIFEST_FILE, check_files_unaltered, files_altered_since_written
 
 NAMES = ("job.toml", "sections.csv")
 
@@ -24,7 +24,7 @@ def run(tmp_path: Path) -> Path:
 
 
 def test_what_is_as_it_was_written_passes(run: Path) -> None:
-    check_as_written(*(run / name for name in (*NAMES, "not there")))
+    check_files_unaltered(*(run / name for name in (*NAMES, "not there")))
 
 
 def test_every_flipped_bit_is_found(run: Path) -> None:
@@ -34,7 +34,7 @@ def test_every_flipped_bit_is_found(run: Path) -> None:
             spoilt = bytearray(data)
             spoilt[bit // 8] ^= 1 << bit % 8
             (run / name).write_bytes(spoilt)
-            assert changed_since_written(*(run / each for each in NAMES)) == [run / name]
+            assert files_altered_since_written(*(run / each for each in NAMES)) == [run / name]
         (run / name).write_bytes(data)
 
 
@@ -42,18 +42,18 @@ def test_a_list_that_is_damaged_or_cut_off_vouches_for_nothing(run: Path) -> Non
     data = (run / MANIFEST_FILE).read_bytes()
     for end in range(len(data) - 1):
         (run / MANIFEST_FILE).write_bytes(data[:end])
-        assert changed_since_written(*(run / name for name in NAMES))
+        assert files_altered_since_written(*(run / name for name in NAMES))
     for place in range(len(data)):
         spoilt = bytearray(data)
         spoilt[place] ^= 4
         (run / MANIFEST_FILE).write_bytes(spoilt)
-        assert changed_since_written(*(run / name for name in NAMES))
+        assert files_altered_since_written(*(run / name for name in NAMES))
 
 
 def test_the_error_names_the_files_and_what_to_do(run: Path) -> None:
     (run / "job.toml").write_text("edited")
     with pytest.raises(RecordingError, match=r"job\.toml: not as SHA256SUMS .*a copy; without"):
-        check_as_written(*(run / name for name in NAMES))
+        check_files_unaltered(*(run / name for name in NAMES))
 
 
 @pytest.mark.parametrize("recording", ["scan.mcap", "left/scan.mcap"])
@@ -62,7 +62,7 @@ def test_only_of_a_scan_results_are_written_anew(run: Path, recording: str) -> N
     (run / recording).parent.mkdir(exist_ok=True)
     (run / recording).touch()
     with pytest.raises(RecordingError, match=r"a copy, or .*tjscan reprocess"):
-        check_as_written(*(run / name for name in NAMES))
+        check_files_unaltered(*(run / name for name in NAMES))
 
 
 def test_sha256sum_reads_the_list(run: Path) -> None:
@@ -74,4 +74,4 @@ def test_only_a_directory_that_began_with_a_list_has_one(tmp_path: Path) -> None
     with write_files_atomically(tmp_path, listed=True) as draft:
         (draft / "new.csv").write_text("2\n")
     assert not (tmp_path / MANIFEST_FILE).exists()
-    check_as_written(tmp_path / "older.csv", tmp_path / "new.csv")
+    check_files_unaltered(tmp_path / "older.csv", tmp_path / "new.csv")

@@ -89,8 +89,8 @@ def test_without_signals_to_threads_ctrl_c_is_pressed_and_waited_for(
 ) -> None:
     for name in ("pause", "pthread_kill", "SIGTTIN"):
         monkeypatch.delattr(signal, name, raising=False)
-    signals.read_no_terminal_in_background()
-    presser = threading.Thread(target=signals.press_ctrl_c)
+    signals.survive_background_terminal_read()
+    presser = threading.Thread(target=signals.interrupt_main_thread)
 
     def be_interrupted() -> None:
         presser.start()

@@ -154,8 +154,8 @@ def test_a_turn_round_stops_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "track"),
     [
-        (lambda state: wheels(state, 0.0, 1.0), "left track stands still"),
-        (lambda state: wheels(state, 1.0, 0.0), "right track stands still"),
+        (lambda state: wheels(state, 0.0, 1.0), "left track does not move"),
+        (lambda state: wheels(state, 1.0, 0.0), "right track does not move"),
         (lambda state: wheels(state, 1.0, 0.7), "right"),
         (lambda state: wheels(state, 1.15, 1.0), "left"),
         (lambda state: wheels(state, 1.0, 0.0, 0.012), "right"),

@@ -15,8 +15,8 @@ from command import tjscan
 from documented import DOCUMENTS, ROOT, commands_of, fenced_blocks, without_blocks
 
 import tjscan as api
-from tjscan.cli import app
-from tjscan.cli.options.overrides import parse_overrides
+from tjscan.cli import add_commands_of_packages, app
+from tjscan.cli.options.shared import parse_overrides
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.files import (
     has_recorded_profiles,
@@ -29,6 +29,8 @@ from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.chain import read_chain
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import read_study_file
+
+add_commands_of_packages()  # as the program does for one that it does not know
 
 RUN: Final = {
     r"tjscan init \w+": (),

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -36,7 +37,8 @@ def test_the_driver_of_the_documents_takes_profiles(
     vars(library)["connect"] = connected
     monkeypatch.setitem(sys.modules, "acme", library)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(vars(LASER_DRIVERS), "_places", {**LASER_DRIVERS._places, name: place})
+    added = EntryPoint(name, place, "tjscan.laser")
+    monkeypatch.setitem(vars(LASER_DRIVERS), "_entries", {**LASER_DRIVERS._entries, name: added})
     written = tmp_path / "profiles.csv"
     assert tjscan("laser", tmp_path / "job.toml", "--profiles", "2", "--write", written) == 0
     rows = np.genfromtxt(written, delimiter=",", skip_header=1)

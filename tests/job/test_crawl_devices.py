@@ -47,8 +47,8 @@ def read(tmp_path: Path, text: str) -> CrawlJob:
 
 @pytest.fixture(autouse=True)
 def lasers(monkeypatch: pytest.MonkeyPatch) -> None:
-    places = {"acme": f"{__name__}:ACME", "of-an-arm": f"{__name__}:OF_AN_ARM"}
-    monkeypatch.setitem(vars(LASER_DRIVERS), "_places", {**LASER_DRIVERS._places, **places})
+    entries = {**LASER_DRIVERS._entries, "acme": ACME, "of-an-arm": OF_AN_ARM}
+    monkeypatch.setitem(vars(LASER_DRIVERS), "_entries", entries)
 
 
 def test_a_real_crawler_has_the_laser_and_the_torch_that_its_job_names(tmp_path: Path) -> None:

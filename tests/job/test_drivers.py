@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -57,9 +58,8 @@ REPLAY: dict[str, Any] = {"laser.driver": "replay", "laser.recording": "run"}
 def acme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (tmp_path / "acme_laser.py").write_text(ACME)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(
-        vars(LASER_DRIVERS), "_places", {**LASER_DRIVERS._places, "acme": "acme_laser:DRIVER"}
-    )
+    driver = EntryPoint("acme", "acme_laser:DRIVER", "tjscan.laser")
+    monkeypatch.setitem(vars(LASER_DRIVERS), "_entries", {**LASER_DRIVERS._entries, "acme": driver})
     yield
     sys.modules.pop("acme_laser", None)
 
@@ -146,8 +146,8 @@ def test_what_is_simulated_needs_its_world(
 def test_a_driver_of_another_package_with_the_name_of_a_key_is_refused(
     overrides: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    places = {**LASER_DRIVERS._places, "points": LASER_DRIVERS._places["simulated"]}
-    monkeypatch.setitem(vars(LASER_DRIVERS), "_places", places)
+    entries = {**LASER_DRIVERS._entries, "points": LASER_DRIVERS._entries["simulated"]}
+    monkeypatch.setitem(vars(LASER_DRIVERS), "_entries", entries)
     assert read_scan_job(PAPER, {"laser.points": 320}).laser.points == 320
     with pytest.raises(
         ConfigurationError, match=r"'points'.*a key of the table \[laser\]"
@@ -193,7 +193,7 @@ class TestDriverOfAnotherPackage:
 
 
 def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(vars(ARM_DRIVERS), "clients", {"ur": "no_such_client"})
+    monkeypatch.setitem(vars(ARM_DRIVERS.load("ur")), "client", "no_such_client")
     with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[ur\]'") as caught:
         ScanContext(read_scan_job(PAPER, UR), PAPER).make_cell()
     assert caught.value.key == "arm.driver"

@@ -12,7 +12,7 @@ from tjscan.core.config import validate_table
 from tjscan.core.devices import DriverRegistry, EventListener, LocalDevice, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.job.tow.cell import make_planner, make_tow_cell, sweep_seam
+from tjscan.job.tow.cell import check_seam, make_shape_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob
 from tjscan.runs.tow.run import make_tow
 from tjscan.towing.following import velocity_from_twist
@@ -95,10 +95,10 @@ def acme(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     )
     registries: tuple[DriverRegistry[Any], ...] = (TOWING_VEHICLE_DRIVERS, LOCALISATION_DRIVERS)
     for registry in registries:
-        registry.__dict__.pop("_places", None)
+        registry.__dict__.pop("_entries", None)
     yield
     for registry in registries:
-        registry.__dict__.pop("_places", None)
+        registry.__dict__.pop("_entries", None)
 
 
 class Kept:
@@ -108,8 +108,8 @@ class Kept:
 @pytest.mark.usefixtures("acme")
 def test_own_vehicles_tow_a_cable_along_a_seam() -> None:
     job = validate_table(TowJob, {**JOB, "vehicles": {"driver": "acme", "count": 2}})
-    planner = make_planner(job)
-    start = sweep_seam(job, planner).start
+    planner = make_shape_planner(job)
+    start = check_seam(job, planner).start
     POSES.update(enumerate(start.held_poses.copy(), 1))
     with make_tow_cell(job, start.angles) as cell:
         make_tow(job, cell, planner, Kept()).run(0.0, start)

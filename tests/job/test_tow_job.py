@@ -117,8 +117,8 @@ def test_an_obstacle_beside_the_seam_leaves_room_for_the_welders_body() -> None:
 @pytest.mark.parametrize(
     ("place", "says"),
     [
-        ([2600, -300], r"jack at \(2600, -300\) mm stands on the seam, 4300 mm from"),
-        ([100, 0], r"jack at \(100, 0\) mm stands on the root, at \(0, 0\) mm"),
+        ([2600, -300], r"jack at \(2600, -300\) mm is on the seam, 4300 mm from"),
+        ([100, 0], r"jack at \(100, 0\) mm is on the root, at \(0, 0\) mm"),
     ],
 )
 def test_an_obstacle_that_stands_on_seam_or_root_is_refused_by_name(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.tow.cell import make_planner, sweep_seam
+from tjscan.job.tow.cell import check_seam, make_shape_planner
 from tjscan.job.tow.job import read_tow_job
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tow-simulation.toml"
@@ -20,7 +20,7 @@ def test_the_next_shape_is_tried_where_the_best_one_gets_stuck() -> None:
     seam = [[2600, 2000], [2600, 4800]]
     job = read_tow_job(EXAMPLE, {"area.holes_mm": PILLAR, "seam.points_mm": seam})
 
-    sweep = sweep_seam(job, make_planner(job))
+    sweep = check_seam(job, make_shape_planner(job))
 
     assert not sweep.why
     assert sweep.reached == pytest.approx(2.8)
@@ -36,7 +36,7 @@ def test_a_seam_that_no_shape_follows_is_refused_with_how_many_were_tried() -> N
     keys = {"area.holes_mm": tall, "seam.points_mm": seam, "cable.length_mm": 5500}
     job = read_tow_job(EXAMPLE, keys)
 
-    sweep = sweep_seam(job, make_planner(job))
+    sweep = check_seam(job, make_shape_planner(job))
 
     with pytest.raises(ConfigurationError, match=r"beyond \d+ of 1200 mm, from any of \d first"):
         sweep.refuse_if_blocked()

@@ -14,9 +14,14 @@ from hypothesis import strategies as st
 from tjscan.core.errors import LaserFault, ProfileFormatRefused
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
-from tjscan.laser.scancontrol import FIELD_WORDS, MODEL_SCALES, parse_scancontrol, profile_bytes
+from tjscan.laser.scancontrol import (
+    CONTAINER_FIELD_WORDS,
+    SCANCONTROL_SCALES,
+    parse_scancontrol,
+    scancontrol_profile_size,
+)
 
-SCALE = MODEL_SCALES["2600-100"]
+SCALE = SCANCONTROL_SCALES["2600-100"]
 OFFSET_SECONDS = 1 / (8000 * 3072)
 
 POINT_COUNTS = (80, 160, 320, 640)
@@ -90,12 +95,15 @@ def test_the_time_stamp_takes_the_place_of_the_last_reflection_of_the_last_point
 
 
 @pytest.mark.parametrize("little", [False, True])
-@pytest.mark.parametrize("fields", [("z", "x"), tuple(FIELD_WORDS)])
+@pytest.mark.parametrize("fields", [("z", "x"), tuple(CONTAINER_FIELD_WORDS)])
 def test_a_container_is_read_field_by_field(little: bool, fields: tuple[str, ...]) -> None:
     pairs, order = raw_numbers(160), "<" if little else ">"
     values = {"x": [x for x, _ in pairs], "z": [z for _, z in pairs]}
     row = b"".join(
-        pack(f"{order}{160 * FIELD_WORDS[name]}H", *values.get(name, [9] * 160 * FIELD_WORDS[name]))
+        pack(
+            f"{order}{160 * CONTAINER_FIELD_WORDS[name]}H",
+            *values.get(name, [9] * 160 * CONTAINER_FIELD_WORDS[name]),
+        )
         for name in fields
     )
     stamped = row + bytes(2 * 160 - 16) + time_stamp(5, 127.9999, 0.0004, edges=8)
@@ -141,7 +149,7 @@ def test_whatever_comes_is_a_profile_or_a_fault_of_the_laser(data: st.DataObject
         little_endian=data.draw(st.booleans()),
     )
     rest = data.draw(st.binary(max_size=80))
-    raw = bytes(data.draw(st.integers(0, 1)) * profile_bytes(layout))
+    raw = bytes(data.draw(st.integers(0, 1)) * scancontrol_profile_size(layout))
     at = data.draw(st.integers(0, max(len(raw), 1)))
     raw = data.draw(st.sampled_from([raw + rest, raw[:at] + rest + raw[at + len(rest) :]]))
     try:

@@ -26,7 +26,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis_colours
 from tjscan.recording.journal import RunEvent
 from tjscan.scanning.recording import read_recorded_scan
-from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN
+from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -142,5 +142,5 @@ def test_a_crawler_is_driven_by_a_held_button_and_stopped_by_a_click(
     by_hand = [one for one in cycles if one.phase is Phase.MANUAL]
     held = [one.state.time for one in by_hand if one.commanded != AT_REST]
     rolling = [one.state.time for one in by_hand if abs(one.state.odometry.speed) > 1e-3]
-    assert held[0] < held[-1] < rolling[-1] < held[-1] + DEAD_MAN / 2
+    assert held[0] < held[-1] < rolling[-1] < held[-1] + DEAD_MAN_TIME / 2
     assert [one.name for one in entries if isinstance(one, RunEvent)][-1] == Phase.STOP

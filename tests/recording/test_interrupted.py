@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tjscan.core.signals import hold_ctrl_c
+from tjscan.core.signals import delay_ctrl_c
 from tjscan.recording.journal import RecordingWriter
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
@@ -60,8 +60,8 @@ def test_what_is_written_is_whole_wherever_it_is_interrupted(tmp_path: Path, lin
 def test_ctrl_c_waits_for_the_end_of_the_outermost_block() -> None:
     done = []
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012
-        with hold_ctrl_c():
-            with hold_ctrl_c():
+        with delay_ctrl_c():
+            with delay_ctrl_c():
                 signal.raise_signal(signal.SIGINT)
                 done.append("inner")
             done.append("outer")

@@ -1,7 +1,7 @@
 """Messages on topics are read again, from a whole file and from one that was cut."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -159,6 +159,36 @@ def test_a_recording_of_a_newer_version_is_refused_by_its_name(tmp_path: Path) -
     head = {"program": "tjscan", "version": "7.1", "format": str(FORMAT_VERSION + 1)}
     foreign(tmp_path / "scan.mcap", "tjscan", head)
     with pytest.raises(RecordingError, match=r"Install tjscan 7\.1 or newer"):
+        numbers(tmp_path / "scan.mcap")
+
+
+@pytest.mark.parametrize("number", ["2", "3"])
+def test_a_format_that_was_never_released_is_refused(tmp_path: Path, number: str) -> None:
+    head = {"program": "tjscan", "version": "0.1.0", "format": number}
+    foreign(tmp_path / "scan.mcap", "tjscan", head)
+    with pytest.raises(RecordingError, match=f"in format {number}.*before 0.1.0 can't be read"):
+        numbers(tmp_path / "scan.mcap")
+
+
+def test_the_first_format_that_was_never_released_is_refused_by_its_missing_head(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "scan.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start(profile="tjscan", library="mcap-python/1.6.0")
+        writer.add_metadata(JobSnapshot.record_name, {"job": ""})
+        writer.register_channel("/count", "json", writer.register_schema("tjscan.Number", "", b""))
+        writer.finish()
+    with pytest.raises(RecordingError, match=r"head is missing.*before 0\.1\.0 can't be read"):
+        numbers(file)
+
+
+def test_messages_of_another_schema_are_refused_by_its_name(tmp_path: Path) -> None:
+    older = replace(COUNT, schema_name="tjscan.Number")
+    with RecordingWriter(tmp_path / "scan.mcap", [older]) as recording:
+        recording.write(0, (older, Count(1)))
+    with pytest.raises(RecordingError, match=r"tjscan\.Number in json, not tjscan\.Count.*0\.1\.0"):
         numbers(tmp_path / "scan.mcap")
 
 

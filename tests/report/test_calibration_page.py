@@ -16,8 +16,8 @@ from tjscan.calibration.file import (
     BasisEntry,
     CalibrationFile,
     UncertaintyAfterLinesEntry,
-    in_file_units,
     read_calibration,
+    rows_in_file_units,
     to_calibration_file,
     views_of_poses,
     write_calibration,
@@ -25,7 +25,7 @@ from tjscan.calibration.file import (
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import pose, rot_x, rot_y
-from tjscan.core.manifest import changed_since_written
+from tjscan.core.manifest import files_altered_since_written
 from tjscan.core.provenance import Provenance
 from tjscan.report.write import write_run_report
 from tjscan.runs.calibration.report import calibration_page
@@ -125,9 +125,9 @@ def test_the_picture_stands_beside_it_and_both_are_in_the_list(
         assert tjscan("report", tmp_path) == 0
     files = [tmp_path / name for name in ("calibration.png", "report.html", "calibration.toml")]
     assert files[0].read_bytes().startswith(b"\x89PNG")
-    assert changed_since_written(*files) == []
+    assert files_altered_since_written(*files) == []
     files[0].write_bytes(b"another")
-    assert changed_since_written(*files) == files[:1]
+    assert files_altered_since_written(*files) == files[:1]
 
 
 def test_bars_are_the_residuals_with_what_is_stated(
@@ -147,9 +147,9 @@ def test_a_ball_and_an_arm_are_shown_with_what_was_stated(
     arm = ArmKinematicsEntry(
         model="ur10e",
         deviations=(6 * (0.0,),) * 6,
-        covariance=in_file_units(np.eye(42), axes=2),
+        covariance=rows_in_file_units(np.eye(42), axes=2),
         left_as_stated=(
-            "joint 1: length x can't be told from where the ball is: left as the maker states",
+            "joint 1: length x not separable from where the ball is: left as the maker states",
         ),
         held_out_poses=12,
         held_out_before_mm=0.4,
@@ -162,7 +162,7 @@ def test_a_ball_and_an_arm_are_shown_with_what_was_stated(
     assert "0.400 → 0.100 mm RMS" in dict(chapter.sheet.headline).values()
     facts = dict(chapter.facts)
     assert facts["radius of the ball"] == "measured 39.974 ± 0.054 mm, stated 40.000 mm"
-    assert "joint 1: length x can't be told from where the ball is" in facts["arm"]
+    assert "joint 1: length x not separable from where the ball is" in facts["arm"]
 
 
 def test_a_file_of_an_earlier_version_shows_what_it_holds(

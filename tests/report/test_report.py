@@ -134,7 +134,7 @@ def test_what_is_buried_is_neither_measured_nor_compared(run: Path, tmp_path: Pa
     write_sections_csv(tacked / "sections.csv", sections, ORIGIN)
     data = read_report_data(tacked)
     text = Page(render_report_page(data)).text
-    assert "Shaded: tack welds, 1 of 6 sections lie on one." in text
+    assert "Shaded: tack welds, 1 of 6 sections are on one." in text
     assert data.comparison is not None
     (found,) = (d for d in data.comparison.deviations if d.kind == "corners to feature edges")
     assert np.isnan(found.distances.reshape(-1, 3)).tolist() == [
@@ -187,7 +187,7 @@ def test_gaps_and_what_is_over_tolerance_are_reported(run: Path, tmp_path: Path)
     found = list(report_findings(read_report_data(gappy, CAD, tolerance=1e-9)))
     assert any("of groove were not seen, azimuth 3° to 3" in words for words in found)
     assert any("Outside the tolerance" in words for words in found)
-    assert any("12 of 12 corners lie farther" in words for words in found)
+    assert any("12 of 12 corners are farther" in words for words in found)
     assert not any("not seen" in words for words in report_findings(read_report_data(run)))
 
 

@@ -13,7 +13,7 @@ from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.report.data import ReportData
 from tjscan.report.view3d import groove_view_data
-from tjscan.result.wireframe import ghost_of_joint
+from tjscan.result.wireframe import joint_ghost_mesh
 
 CAD = Path(__file__).parent.parent.parent / "cad" / "tjoint-600x457.toml"
 
@@ -89,7 +89,7 @@ def test_no_groove_is_drawn_where_none_was_seen(data: ReportData, scene: dict[st
 
 def test_the_designed_joint_lies_on_its_edges() -> None:
     joint = read_joint(CAD)
-    vertices, triangles = ghost_of_joint(joint)
+    vertices, triangles = joint_ghost_mesh(joint)
     assert triangles.min() == 0
     assert triangles.max() == len(vertices) - 1
     edges = feature_edges(joint)

@@ -20,7 +20,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import PATH_CHECK_RESOLUTION, ClearPathPlanner
 from tjscan.robot.collision import SCANNED_GROOVE_NAME, CollisionModel, check_ignored_links
-from tjscan.robot.collision_checked import LARGEST_MOVE_JOINT_TURN, CollisionCheckedArm
+from tjscan.robot.collision_checked import LARGEST_TURN_FROM_NEAR_JOINTS, CollisionCheckedArm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import interpolate_joints, linear_waypoints
 from tjscan.robot.settings import Box, Capsule, ClearanceMargins, Cylinder, Solid
@@ -340,7 +340,7 @@ def test_no_joint_goes_the_long_way_round_where_its_limit_bars_the_short_one() -
     with CollisionCheckedArm(spy, clearance(), np.eye(4)) as arm:
         assert (
             np.abs(arm.plan_clear_path(q, goal, straight=False).segments[-1].q - q).max()
-            > LARGEST_MOVE_JOINT_TURN
+            > LARGEST_TURN_FROM_NEAR_JOINTS
         )
         with pytest.raises(PoseUnreachable, match="would turn by"):
             arm.move_joint_to_pose(goal, near=q)

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from ur_cell import address, arm_at
 
-from tjscan.robot.dh import DhParameters, compare_flange_with_model
+from tjscan.robot.closed_form import DhParameters
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.kinematics_info import (
-    PRIMARY_PORT,
+    PRIMARY_INTERFACE_PORT,
+    compare_flange_with_model,
     find_kinematics_package,
     read_kinematics_info,
 )
@@ -79,7 +80,7 @@ def test_numbers_that_are_none_are_no_calibration() -> None:
 def test_a_controller_that_is_silent_or_cut_off_states_nothing() -> None:
     host = address()
     for said in (b"", kinematics_message(nominal())[:100], b"\xff" * 300):
-        with socket.create_server((host, PRIMARY_PORT)) as server:
+        with socket.create_server((host, PRIMARY_INTERFACE_PORT)) as server:
 
             def answer(server: socket.socket = server, said: bytes = said) -> None:
                 stream, _ = server.accept()

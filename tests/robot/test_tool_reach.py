@@ -7,7 +7,7 @@ from ur_cell import HOME, KINEMATICS
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rot_z
 from tjscan.robot.tool_reach import (
     OUT_OF_REACH_TEXT,
-    SPIN_COUNT,
+    TOOL_SPINS,
     Hindrance,
     ToolConfigurations,
 )
@@ -50,7 +50,7 @@ def test_a_line_in_reach_is_one_stretch_whose_joints_hold_every_place() -> None:
 
 def test_spin_alone_makes_no_difference_to_what_is_reached() -> None:
     """The tool may be turned as one likes: so may the poses that are asked for."""
-    turned = line(0.15) @ pose(rot_z(2 * np.pi * 5 / SPIN_COUNT))
+    turned = line(0.15) @ pose(rot_z(2 * np.pi * 5 / TOOL_SPINS))
     can = holds(line(0.15)).can
     np.testing.assert_array_equal(holds(turned).can, np.roll(can, -5, axis=1))
 
@@ -103,5 +103,5 @@ def test_the_tool_s_own_place_on_the_flange_counts() -> None:
         closed=False,
     )
     spin, branch = np.argwhere(found.can[0])[0]
-    T_b_f = START @ pose(rot_z(2 * np.pi * spin / SPIN_COUNT)) @ inverse_pose(TOOL)
+    T_b_f = START @ pose(rot_z(2 * np.pi * spin / TOOL_SPINS)) @ inverse_pose(TOOL)
     np.testing.assert_allclose(KINEMATICS.forward(found.q[0, spin, branch]), T_b_f, atol=1e-9)

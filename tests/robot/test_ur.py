@@ -59,7 +59,7 @@ from tjscan.robot.ur.settings import UrSettings
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.server import RTDE_PORT
-from tjscan_loopback.ur.wire import INPUTS, PACKAGE_HEADER
+from tjscan_loopback.ur.wire import PACKAGE_HEADER, PackageKind
 
 pytest.importorskip("rtde_control")
 
@@ -194,7 +194,9 @@ def test_a_program_of_somebody_else_is_left_alone(loopback: UrLoopbackProcess) -
 def test_inputs_that_another_client_writes_are_not_taken(loopback: UrLoopbackProcess) -> None:
     names = b"input_int_register_0,input_double_register_0"
     with socket.create_connection((loopback.host, RTDE_PORT)) as other:
-        other.sendall(PACKAGE_HEADER.pack(PACKAGE_HEADER.size + len(names), INPUTS) + names)
+        other.sendall(
+            PACKAGE_HEADER.pack(PACKAGE_HEADER.size + len(names), PackageKind.INPUTS) + names
+        )
         assert b"IN_USE" not in other.recv(1 << 12)
         with pytest.raises(RegistersInUse), arm_at(loopback.host):
             pass
@@ -333,7 +335,7 @@ def test_the_arm_stops_when_the_program_stands_still() -> None:
             finally:
                 program.send_signal(signal.SIGCONT)
             said, _ = program.communicate()
-        assert said.count("stopped this program stood still") == 2  # the second is not begun
+        assert said.count("stopped this program paused") == 2  # the second is not begun
         assert "arrived" not in said
         assert not any(line.startswith("move") for line in loopback.unread_output())
         with arm_at(loopback.host) as arm:
@@ -456,7 +458,7 @@ def test_a_client_held_up_for_a_moment_too_long_is_told_as_that() -> None:
 
         holder = threading.Thread(target=hold_up)
         holder.start()
-        with pytest.raises(MoveSupervisionLost, match=r"stood still|was held up"):
+        with pytest.raises(MoveSupervisionLost, match=r"paused|was held up"):
             arm.move_joint_to_pose(beside_home(0.3))
         holder.join()
 

@@ -36,7 +36,7 @@ from tjscan.runs.crawl.run import (
     short_pass_warning,
     slip_after_stop,
 )
-from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN, Twist, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME, Twist, VehicleState
 
 
 class InterruptedInWeld:
@@ -390,7 +390,7 @@ def test_how_it_ended_is_told_by_what_crawled_last(
     assert found.was_stopped is stopped
     belief = slip_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
     assert belief is not None
-    seconds = DEAD_MAN if stopped else COASTING_TIME
+    seconds = DEAD_MAN_TIME if stopped else COASTING_TIME
     assert belief.P[0, 0] - 1 == pytest.approx((MOST_SIDEWAYS_SHARE * 0.02 * seconds) ** 2)
 
 
@@ -402,7 +402,7 @@ def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
     estimate = slip_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
     assert estimate is not None
     assert estimate.P[0, 0] - 1 == pytest.approx(
-        (MOST_SIDEWAYS_SHARE * (0.08 + 0.02 * DEAD_MAN)) ** 2
+        (MOST_SIDEWAYS_SHARE * (0.08 + 0.02 * DEAD_MAN_TIME)) ** 2
     )
 
 

@@ -14,7 +14,7 @@ from ur_cell import address, output_is_on
 
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
-from tjscan.core.signals import press_ctrl_c
+from tjscan.core.signals import interrupt_main_thread
 from tjscan.job.files import read_scan_job
 from tjscan.planning.wps import read_wps
 from tjscan.robot.deviations import deviate_joint_frames
@@ -59,7 +59,7 @@ def followed(run: Path, number: int) -> tuple[Array, Array]:
     tcp = read_wps(WPS).torch.tcp.T
     (joints,) = (line for line in head if "movej" in line)
     q = np.array([float(x) for x in joints[joints.index("[") + 1 : joints.index("]")].split(",")])
-    controller = LoopbackController(arm, q, hz=HZ, fast=False, tell=told.append)
+    controller = LoopbackController(arm, q, hz=HZ, fast=False, report_line=told.append)
     controller.start_script("\n".join((*head, *part, "end")))
     tips, outputs = [], []
     while told[-1] != "program stopped":
@@ -204,7 +204,7 @@ def _interrupt_once_on(host: str) -> None:
     pause = threading.Event()
     while not output_is_on(host, OUTPUT):
         pause.wait(0.2)
-    press_ctrl_c()
+    interrupt_main_thread()
 
 
 @pytest.mark.parametrize(

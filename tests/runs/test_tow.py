@@ -152,4 +152,4 @@ def test_a_jammed_welder_ends_the_tow_as_a_fault_of_a_device(tmp_path: Path) -> 
     options = (*SHORT, "--simulation.faults", fault, "--out", out)
     assert tjscan("tow", "run", EXAMPLE, *options) == 4
     cycles: tuple[TowCycle, ...] = read_recorded_tow(out).cycles
-    assert "the welder stands" in cycles[-1].wait
+    assert "the welder is stopped" in cycles[-1].wait

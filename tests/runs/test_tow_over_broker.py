@@ -58,7 +58,7 @@ def test_a_jump_is_waited_out_and_a_failed_drive_of_the_welder_ends_it(tmp_path:
         file, out = tmp_path / "job.toml", tmp_path / "run"
         file.write_text(JOB.format(port=broker.port))
         with VehicleLoopbackProcess(broker.address, "--settings", str(file)) as vehicles:
-            with pytest.raises(VehicleFault, match=r"the welder stands: .*left drive"):
+            with pytest.raises(VehicleFault, match=r"the welder is stopped: .*left drive"):
                 run_tow(TowContext(read_tow_job(file), file, Saboteur(vehicles)), out)
             truth = vehicles.ask_for_truth()
     assert truth["touches"] == []

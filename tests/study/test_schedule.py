@@ -61,11 +61,11 @@ def made(scheduler: DaskScheduler, trials: tuple[Trial, ...]) -> list[StudyRow[A
 
 def test_a_cluster_gives_the_same_rows_to_the_last_digit(address: str) -> None:
     study = StudyFile(
-        job=PAPER.name, fixed={"scan.sections": 4}, grid={"scan.step_mm": [30.0, 40.0, 50.0]}
+        job=PAPER.name, fixed={"scan.sections": 4}, grid={"scan.step_mm": [40.0, 50.0]}
     )
     trials = trials_of_study(study, PAPER, study_backend_of_task)
     rows = made(DaskScheduler(address=address), trials)
-    assert len(rows) == 3
+    assert len(rows) == 2
     assert rows == made(DaskScheduler(1), trials)
 
 

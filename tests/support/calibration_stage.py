@@ -23,7 +23,7 @@ NOISE = NoiseModel(geometry=0.0)
 WINDOW = MeasuringRange(near=0.190, far=0.290, apex_z=-0.028, half_angle=0.188, columns=640)
 CENTRE = np.array((0.8, 0.1, 0.05))
 PLANE = plane_through_point(CENTRE, (0.05, 0.02, 1.0))
-AXES = PlaneTarget.unknown_plane(PLANE, CENTRE).axes_b
+AXES = PlaneTarget.from_unknown_plane(PLANE, CENTRE).axes_b
 PLACES = CENTRE + 0.15 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) @ AXES
 T_F_S = pose_from_rounded_matrix(  # the paper's eq. (26), in metres
     [

@@ -78,9 +78,9 @@ class Rig:
             self.kept,
         )
 
-    def run(self, stood: float = 0.0) -> None:
+    def run(self, elapsed: float = 0.0) -> None:
         try:
-            self.tow.run(stood=stood)
+            self.tow.run(elapsed=elapsed)
         finally:
             assert all(vehicle.stopped for vehicle in self.team.vehicles)
 
@@ -89,7 +89,7 @@ def test_a_welder_that_stands_goes_on_with_what_is_left_of_its_time() -> None:
     seam = SeamSettings(points=((3.0, 0.0),), heading=0.0, seconds=2.0)
     whole, rest = Rig(seam=seam), Rig(seam=seam)
     whole.run()
-    rest.run(stood=1.5)
+    rest.run(elapsed=1.5)
     assert len(whole.kept.cycles) == 20
     assert len(rest.kept.cycles) == 5
 
@@ -145,10 +145,10 @@ def test_a_vehicle_with_a_drive_fault_is_planned_around_until_the_cable_is_taut(
             rig.team.vehicles[1].fault = "left drive: over temperature"
 
     rig = Rig(disturb=break_down)
-    with pytest.raises(VehicleFault, match="vehicle 2 stands, and the cable beside it is taut"):
+    with pytest.raises(VehicleFault, match="vehicle 2 is stopped, and the cable beside it is taut"):
         rig.run()
     assert (1,) in rig.planner.asked
-    assert ("stands", "vehicle 2: left drive: over temperature") in rig.kept.events
+    assert ("stopped", "vehicle 2: left drive: over temperature") in rig.kept.events
     chord = np.hypot(*(rig.team.vehicles[2].pose - rig.team.vehicles[1].pose)[:2])
     assert chord < 0.99 * 1.1
 
@@ -158,7 +158,7 @@ def test_a_vehicle_that_is_told_to_drive_and_does_not_is_noticed() -> None:
         rig.team.vehicles[0].jammed = time > 1.0
 
     rig = Rig(disturb=jam)
-    with pytest.raises(VehicleFault, match="vehicle 1 stands"):
+    with pytest.raises(VehicleFault, match="vehicle 1 is stopped"):
         rig.run()
 
 
@@ -169,9 +169,9 @@ def test_a_vehicle_that_stands_for_good_makes_the_weld_wait_once() -> None:
         rig.team.vehicles[0].jammed = time > 1.0
 
     rig = Rig(disturb=jam, patience=40.0)
-    with pytest.raises(VehicleFault, match="vehicle 1 stands, and the cable beside it is taut"):
+    with pytest.raises(VehicleFault, match="vehicle 1 is stopped, and the cable beside it is taut"):
         rig.run()
-    assert rig.kept.names == ["start", "slips", "stands", "waits", "stop"]
+    assert rig.kept.names == ["start", "slips", "stopped", "waits", "stop"]
     assert {()} < {tuple(asked) for asked in rig.planner.asked[-350:]}
 
 
@@ -193,7 +193,7 @@ def test_the_welder_waits_before_the_cable_beside_one_that_stands_is_bent_too_fa
     rig.planner.bend = lambda tip: 0.8 * limit + 4.0 * (tip[0] - 3.0)
     rig.planner.plan = plan  # type: ignore[method-assign]
     with pytest.raises(
-        VehicleFault, match="vehicle 2 stands, and the cable beside it nears its limit"
+        VehicleFault, match="vehicle 2 is stopped, and the cable beside it nears its limit"
     ):
         rig.run()
     last = rig.kept.cycles[-1].plan
@@ -283,7 +283,7 @@ def test_a_vehicle_that_was_pushed_is_found_again_and_led_back() -> None:
 def test_the_welder_must_stand_at_its_seam() -> None:
     rig = Rig()
     rig.team.vehicles[2].pose += (0.0, 0.3, 0.0)
-    with pytest.raises(TowHalted, match="the welder stands 300 mm from where"):
+    with pytest.raises(TowHalted, match="the welder is 300 mm from where"):
         rig.run()
 
 
@@ -355,7 +355,7 @@ def run_away(v: int, velocity: Array, since: float = 5.0) -> Callable[[Rig, floa
 def test_a_welder_that_runs_off_is_followed_and_the_tow_ends_with_its_name() -> None:
     """The row planner keeps the vehicles behind the pose that it is given."""
     rig = Rig(disturb=run_away(2, np.array((0.0, 0.0, 0.02))), patience=4.0)
-    with pytest.raises(VehicleFault, match="the welder drives otherwise than it is told"):
+    with pytest.raises(VehicleFault, match="the welder does not follow its commands"):
         rig.run()
     last = rig.kept.cycles[-1]
     assert last.poses[2, 1] > 0.06
@@ -365,10 +365,10 @@ def test_a_welder_that_runs_off_is_followed_and_the_tow_ends_with_its_name() -> 
 
 def test_a_towing_vehicle_that_runs_off_is_named_and_planned_around() -> None:
     rig = Rig(disturb=run_away(1, np.array((0.0, 0.0, 0.02))))
-    with pytest.raises(VehicleFault, match="vehicle 2 drives otherwise than it is told"):
+    with pytest.raises(VehicleFault, match="vehicle 2 does not follow its commands"):
         rig.run()
     assert (1,) in rig.planner.asked
-    assert [n for n in rig.kept.names if n in {"slips", "moved", "stands"}] == []
+    assert [n for n in rig.kept.names if n in {"slips", "moved", "stopped"}] == []
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def test_a_cable_that_lies_on_itself_halts_however_sound_the_plan_is(begun: Towi
     inputs = PlanInputs(begun.held_poses, WELDER, 0.1, begun)
     shape = CheckedShape(planner().limited_problem(begun.angles, inputs), begun.angles)
     assert shape.objection(begun.angles) == ""
-    assert "as the cable lies, link" in shape.objection(np.full(60, 0.15))
+    assert "with the estimated cable, link" in shape.objection(np.full(60, 0.15))
 
 
 def test_the_cable_makes_way_for_who_passes_by(begun: TowingPlan) -> None:
@@ -212,7 +212,7 @@ def test_a_pose_unknown_is_a_pose_less_and_not_a_fault(begun: TowingPlan) -> Non
 def test_what_is_no_number_is_refused(begun: TowingPlan) -> None:
     with pytest.raises(ValueError, match="no plan"):
         planner().plan(PlanInputs(begun.held_poses, WELDER * np.nan, 0.1, begun))
-    with pytest.raises(ValueError, match="must be where numbers say"):
+    with pytest.raises(ValueError, match="place must be finite"):
         DiscObstacle(np.nan, 0.0, 0.1)
 
 

@@ -15,7 +15,7 @@ from views_on_arm import T_F_S, ur10e, views
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.tubes.fit import ArmRepeatability
-from tjscan.laser.deviation import COEFFICIENT_SIGMAS_BY_DEGREE
+from tjscan.laser.deviation import DISTORTION_SIGMAS_BY_DEGREE
 from tjscan.laser.model import LaserModel
 from tjscan.robot.deviations import deviate_joint_frames, deviation_jacobian
 from tjscan.robot.settings import PlacementTolerance
@@ -170,7 +170,7 @@ def each_term(size: float) -> list[Array]:
             for j in range(4):
                 if 0 < i + j < 4:
                     one = np.zeros((2, 4, 4))
-                    one[axis, i, j] = size * COEFFICIENT_SIGMAS_BY_DEGREE[i + j - 1]
+                    one[axis, i, j] = size * DISTORTION_SIGMAS_BY_DEGREE[i + j - 1]
                     terms.append(one)
     return terms
 
@@ -216,7 +216,7 @@ def test_coefficients_are_those_of_lasers_that_deviate_by_as_much_as_stated() ->
         one = np.where((degree > 0) & (degree < 4), rng.standard_normal((2, 4, 4)), 0.0)
         one /= np.maximum(degree, 1)
         drawn.append(one / np.abs(smooth_field(xz, one)).max())
-    for k, stated in enumerate(COEFFICIENT_SIGMAS_BY_DEGREE, start=1):
+    for k, stated in enumerate(DISTORTION_SIGMAS_BY_DEGREE, start=1):
         found = np.sqrt(np.mean(np.square(np.array(drawn)[:, :, degree == k])))
         assert found == pytest.approx(stated, rel=0.04)
 

@@ -20,7 +20,7 @@ from tjscan.core.errors import (
     VehicleStopped,
 )
 from tjscan.core.frames import Array
-from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME, Twist, VehicleState
 from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
 from tjscan_loopback.process import VehicleLoopbackProcess
 
@@ -105,7 +105,7 @@ def test_it_drives_as_told_and_reports_states(
         times = [state.time for state in states]
         assert times == sorted(set(times))
         lasted = times[-1] - times[0]
-        assert 0.02 < moved(vehicle, before) < 0.05 * (lasted + DEAD_MAN)
+        assert 0.02 < moved(vehicle, before) < 0.05 * (lasted + DEAD_MAN_TIME)
         assert moved(other, beside) == 0.0
         assert max(state.odometry.speed for state in states) == pytest.approx(0.05, abs=2e-3)
         sampled = [state.proximity for state in states if state.proximity]
@@ -155,7 +155,7 @@ def test_a_stop_holds_until_it_is_taken_back(
         thread = threading.Thread(target=vehicle.stop)
         thread.start()
         thread.join()
-        assert vehicles.wait_until_at_rest() - since < DEAD_MAN
+        assert vehicles.wait_until_at_rest() - since < DEAD_MAN_TIME
         with pytest.raises(VehicleStopped):
             vehicle.command(Twist(0.1, 0.0))
         drive(vehicle, 0.2)  # the last pose has come

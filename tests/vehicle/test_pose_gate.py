@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.vehicle.mqtt.wire import (
-    CLOCK_CONFIRMATIONS,
+    OTHER_CLOCK_CONFIRMATIONS,
     TAKEOVER_SILENCE,
     BadMessage,
     PoseGate,
@@ -53,7 +53,7 @@ def test_a_clock_that_jumps_is_believed_when_it_keeps_to_it() -> None:
                 measured = gate.measured(pose(number, 0.05 * number + jump), 100 + 0.05 * number)
             except BadMessage:
                 dropped += 1
-        assert dropped == CLOCK_CONFIRMATIONS - 1
+        assert dropped == OTHER_CLOCK_CONFIRMATIONS - 1
         assert measured == pytest.approx(100 + 0.05 * number)
 
 

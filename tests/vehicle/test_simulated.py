@@ -14,7 +14,7 @@ from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverInputs
 from tjscan.vehicle.replay import ReplayedVehicle
 from tjscan.vehicle.simulated import SimulatedVehicle
 from tjscan.vehicle.simulated_body import (
-    STATE_PERIOD,
+    VEHICLE_STATE_PERIOD,
     DriveSettings,
     ProximitySettings,
     SimulatedBody,
@@ -38,7 +38,7 @@ def where(simulated: SimulatedVehicle) -> tuple[float, float]:
 def run(simulated: Vehicle, seconds: float, twist: Twist | None = None) -> list[VehicleState]:
     """States of that time; the twist, if any, is commanded before each."""
     states = []
-    for _ in range(round(seconds / STATE_PERIOD)):
+    for _ in range(round(seconds / VEHICLE_STATE_PERIOD)):
         if twist is not None:
             simulated.command(twist)
         states.append(simulated.next_state())
@@ -69,7 +69,7 @@ def test_it_drives_as_told_and_its_odometry_shows_it() -> None:
 def test_odometry_does_not_show_the_slip() -> None:
     with vehicle(slip=SlipSettings(ratio=0.2)) as simulated:
         states = run(simulated, 5.0, Twist(0.02, 0.02))
-        shown = sum(s.odometry.turn_rate for s in states) * STATE_PERIOD
+        shown = sum(s.odometry.turn_rate for s in states) * VEHICLE_STATE_PERIOD
         T_w_v = simulated.true_pose()
         turned = np.arctan2(T_w_v[1, 0], T_w_v[0, 0])
         assert 0.7 < turned / shown < 0.9
@@ -176,7 +176,7 @@ def test_drivers_make_their_vehicle() -> None:
     )
     driver = VEHICLE_DRIVERS.load("simulated")
     with driver.make(inputs, None) as made:
-        assert made.next_state().time == pytest.approx(5.0 + STATE_PERIOD)
+        assert made.next_state().time == pytest.approx(5.0 + VEHICLE_STATE_PERIOD)
         np.testing.assert_allclose(driver.truth(made)[:2, 3], (1.0, 2.0))
     pytest.importorskip("paho.mqtt")
     driver = VEHICLE_DRIVERS.load("mqtt")
@@ -191,7 +191,7 @@ def test_drivers_make_their_vehicle() -> None:
 def test_a_recording_is_replayed_in_its_order_whatever_is_commanded() -> None:
     states = [VehicleState(0.01 * i, Twist(0.02, 0.001 * i)) for i in range(5)]
     with ReplayedVehicle(states) as replayed:
-        assert run(replayed, 5 * STATE_PERIOD, Twist(-1.0, 0.0)) == states
+        assert run(replayed, 5 * VEHICLE_STATE_PERIOD, Twist(-1.0, 0.0)) == states
         with pytest.raises(VehicleLinkLost):
             replayed.next_state()
         replayed.stop()
@@ -207,8 +207,10 @@ def test_of_states_that_nobody_read_the_last_is_given_with_the_way_of_all() -> N
         states = run(simulated, 0.3, Twist(0.05, 0.02))
     read = [merge_unread_states(states[k : k + 5]) for k in range(0, len(states), 5)]
     assert [state.time for state in read] == [state.time for state in states[4::5]]
-    way = sum(state.odometry.speed for state in states) * STATE_PERIOD
-    assert sum(state.odometry.speed for state in read) * 5 * STATE_PERIOD == pytest.approx(way)
+    way = sum(state.odometry.speed for state in states) * VEHICLE_STATE_PERIOD
+    assert sum(state.odometry.speed for state in read) * 5 * VEHICLE_STATE_PERIOD == pytest.approx(
+        way
+    )
     sampled = [state.proximity for state in states if state.proximity]
     assert [state.proximity for state in read if state.proximity] == sampled
     assert merge_unread_states(states[:1]) == states[0]

@@ -11,7 +11,7 @@ from tjscan.core.errors import DriveFault, VehicleFault, VehicleLinkLost, Vehicl
 from tjscan.vehicle.cable.model import CableModel, TowingVehicleModel, TowingWorldModel
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.simulated_team import SimulatedTeam
-from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME, Twist, VehicleState
 
 TOWS = Twist(0.02, 0.0, 0.01)
 
@@ -70,13 +70,13 @@ def test_each_vehicle_stops_by_itself(team: SimulatedTeam) -> None:
         first, second = team.vehicles
         first.command(TOWS)
         second.command(TOWS)
-        states(team, DEAD_MAN - 0.05)
+        states(team, DEAD_MAN_TIME - 0.05)
         second.command(TOWS)
-        states(team, DEAD_MAN + 0.09)
-        ended, drives = states(team, DEAD_MAN + 0.1)
+        states(team, DEAD_MAN_TIME + 0.09)
+        ended, drives = states(team, DEAD_MAN_TIME + 0.1)
         assert abs(ended.odometry.speed) < 5e-3 < drives.odometry.speed
-        states(team, 2 * DEAD_MAN + 0.09)
-        stands = states(team, 2 * DEAD_MAN + 0.1)[1]
+        states(team, 2 * DEAD_MAN_TIME + 0.09)
+        stands = states(team, 2 * DEAD_MAN_TIME + 0.1)[1]
         assert abs(stands.odometry.speed) < 5e-3
 
 

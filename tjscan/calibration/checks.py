@@ -39,7 +39,7 @@ MIN_TILT_SPREAD: Final = 5e-3
 """RMS by which the cosines of the tilts must differ: about 0° beside 10°."""
 ADVISED_TILT_DEG: Final = 20
 """Degrees to tilt by, in the advice: they bring the condition number well below its limit."""
-MAX_CONDITION: Final = 100.0
+MAX_CONDITION_NUMBER: Final = 100.0
 """Of eq. (21); beyond it, errors of a line grow into millimetres."""
 ARBITRARY_ROTATION_CONDITION: Final = 1e4
 """Condition beyond which the rotation found is arbitrary and names no axes."""
@@ -68,7 +68,7 @@ def check_poses_fix_hand_eye(T_b_f: Array, u_b: Array | None, R_f_s: Array | Non
     _, singular, axes = np.linalg.svd(turns, full_matrices=True)
     spread = singular / np.sqrt(len(turns))
     if spread[0] < MIN_RMS_FLANGE_TURN:
-        advised = "the flange's axes that lie along the board"
+        advised = "the flange's axes that are parallel to the board"
         if R_f_s is not None:
             advised = "the sensor's x and y axes"
         raise CalibrationRefused(
@@ -170,7 +170,7 @@ def check_rotation_condition(
     """
     singular = np.linalg.svd(A, compute_uv=False)
     condition = float(singular[0] / max(singular[4], 1e-300))
-    if condition <= MAX_CONDITION:
+    if condition <= MAX_CONDITION_NUMBER:
         return condition
     # A rotation from an ill-conditioned set still names the axes, unless it is arbitrary.
     R = (
@@ -187,8 +187,8 @@ def check_rotation_condition(
     weak = axes if spread[1] > 0.5 * spread[0] else axes[1:]
     raise CalibrationRefused(
         "ill-conditioned",
-        f"the condition number is {condition:.0f}, the limit {MAX_CONDITION:.0f}; the tilts have "
-        f"an RMS of {shown}; {advise_tilts(list(weak), R)}",
+        f"the condition number is {condition:.0f}, the limit {MAX_CONDITION_NUMBER:.0f}; the tilts "
+        f"have an RMS of {shown}; {advise_tilts(list(weak), R)}",
     )
 
 
@@ -275,11 +275,11 @@ def check_scaled_condition(estimate: LeastSquaresEstimate) -> float:
     sigma = np.sqrt(np.diag(covariance))
     values = np.linalg.eigvalsh(covariance / np.outer(sigma, sigma))
     condition = float(np.sqrt(values[-1] / max(values[0], 1e-300)))
-    if condition > MAX_CONDITION:
+    if condition > MAX_CONDITION_NUMBER:
         raise CalibrationRefused(
             "ill-conditioned",
-            f"the condition number is {condition:.0f}, the limit {MAX_CONDITION:.0f}; see the "
-            "target from more directions and at different heights",
+            f"the condition number is {condition:.0f}, the limit {MAX_CONDITION_NUMBER:.0f}; see "
+            "the target from more directions and at different heights",
         )
     return condition
 
@@ -348,7 +348,7 @@ def check_residuals(estimate: LeastSquaresEstimate, residuals: tuple[SampleResid
     )
 
 
-def check_certainty(covariance: Array) -> None:
+def check_result_certainty(covariance: Array) -> None:
     """Refuse a result that is worse than a drawing of the bracket.
 
     Parameters
@@ -371,12 +371,8 @@ def check_certainty(covariance: Array) -> None:
         )
 
 
-VERIFICATION_FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to reject a good calibration."""
-
-
 @dataclass(frozen=True, slots=True)
-class Verification:
+class FreshLineVerification:
     """How well a fresh line agrees with what a calibration predicts.
 
     Parameters
@@ -406,7 +402,7 @@ class Verification:
 
 def verify_with_fresh_line(
     board: SeenBoard, result: HandEyeCalibration, fresh: PosedFit[LineFit]
-) -> Verification:
+) -> FreshLineVerification:
     """Verify a calibration with a line that took no part in it.
 
     An error of arm or laser that is alike in all lines is no contradiction: the line may be off
@@ -430,18 +426,16 @@ def verify_with_fresh_line(
     covariance = result.sigma_scale**2 * covariance
     sigma = np.sqrt(np.diag(covariance))
     misfit = np.sqrt(r @ np.linalg.solve(covariance, r) / 2)
-    return Verification(
+    return FreshLineVerification(
         float(r[0]),
         float(sigma[0]),
         float(r[1]),
         float(sigma[1]),
         float(misfit),
-        float(np.sqrt(chdtri(2, VERIFICATION_FALSE_ALARM_PROBABILITY) / 2)),
+        float(np.sqrt(chdtri(2, refine.FALSE_ALARM_PROBABILITY) / 2)),
     )
 
 
-MISREAD_FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to refuse poses that were read as they were meant."""
 MAX_REFINED_STARTS: Final = 2
 """The nearest ones, for each other hypothesis about the poses."""
 MAX_VARIANCE_SCALE: Final = 9.0
@@ -563,7 +557,7 @@ def _likelihood_cost(estimate: LeastSquaresEstimate) -> float:
 
 def _likelihood_limit(count: int) -> float:
     """Limit of twice the logarithm of likelihoods for the best of so many."""
-    return float(2 * np.log(count / MISREAD_FALSE_ALARM_PROBABILITY))
+    return float(2 * np.log(count / refine.FALSE_ALARM_PROBABILITY))
 
 
 def poses_by_other_conventions(T_b_f: Array) -> dict[str, Array]:

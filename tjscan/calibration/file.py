@@ -21,7 +21,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
 
 if TYPE_CHECKING:
-    from tjscan.calibration.checks import Verification
+    from tjscan.calibration.checks import FreshLineVerification
     from tjscan.calibration.result import HandEyeCalibration
 
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
@@ -37,7 +37,7 @@ MAX_JOINT_DEVIATION: Final = 5.0
 """Millimetres and degrees; an arm that deviates by more is of another model."""
 
 
-def in_file_units(values: Array, axes: int = 1) -> tuple[Any, ...]:
+def rows_in_file_units(values: Array, axes: int = 1) -> tuple[Any, ...]:
     """Rows of a table in millimetres and degrees.
 
     Parameters
@@ -71,7 +71,7 @@ class ResidualEntry(StrictFileModel):
 
 
 class VerificationEntry(StrictFileModel):
-    """Result of the fresh line in the file; see `tjscan.calibration.result.Verification`."""
+    """Result of the fresh line in the file; see `checks.FreshLineVerification`."""
 
     offset_mm: float
     sigma_offset_mm: float
@@ -325,7 +325,7 @@ def to_calibration_file(
     arm: str,
     laser: str,
     date: datetime,
-    verification: Verification | None = None,
+    verification: FreshLineVerification | None = None,
     linearity: float = 0.0,
     basis: BasisEntry | None = None,
 ) -> CalibrationFile:
@@ -352,7 +352,7 @@ def to_calibration_file(
     if result.by_laser is not None and linearity > 0:
         # Of T_f_s alone, and of the arm's deviations if the file holds these.
         rows = 6 if result.kinematics is None else len(result.by_laser)
-        by_draws = in_file_units(result.by_laser[:rows])
+        by_draws = rows_in_file_units(result.by_laser[:rows])
         laser_response = LaserResponseEntry(linearity_mm=1e3 * linearity, by_draws=by_draws)
     data = {
         "arm": arm,
@@ -361,7 +361,7 @@ def to_calibration_file(
         "method": result.method,
         "lines": sum(residual.used for residual in result.residuals),
         "T_b_s_mm" if result.sensor_is_fixed else "T_f_s_mm": pose_to_rows_mm(result.T_f_s),
-        "covariance": in_file_units(result.covariance, axes=2),
+        "covariance": rows_in_file_units(result.covariance, axes=2),
         "sigma_position_mm": 1e3 * sure.position,
         "sigma_rotation_deg": float(np.degrees(sure.rotation)),
         "condition": result.condition,

@@ -13,7 +13,7 @@ from tjscan.calibration import checks
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
-from tjscan.calibration.solve.refine import laser_response_of_estimate
+from tjscan.calibration.solve.refine import FALSE_ALARM_PROBABILITY, laser_response_of_estimate
 from tjscan.calibration.solve.solution import CalibrationProblem, SensorSolution, Targets
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget
 from tjscan.calibration.targets.line import stack_lines
@@ -22,8 +22,6 @@ from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
-RADIUS_FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to refuse a ball whose radius is as stated."""
 SENSOR_LINEARITY: Final = 1e-3
 """Share by which lengths in a profile may be off, as data sheets of such sensors state it. A
 radius read by the sensor is not known better."""
@@ -123,7 +121,7 @@ def calibrate_on_targets(
     residuals = checks.sample_residuals(problem.names, estimate, solution.settled)
     excess = checks.check_residuals(estimate, residuals)
     covariance = excess**2 * estimate.covariance
-    checks.check_certainty(covariance[:6, :6])
+    checks.check_result_certainty(covariance[:6, :6])
     closed_form = None
     if touched is not None and len(targets) == 1:
         closed_form = solve_closed_form(stack_lines(T_b_f, targets[0].fits), touched.plane)
@@ -155,7 +153,7 @@ def _check_radius(targets: Targets, solution: SensorSolution) -> MeasuredRadius:
     variance = estimate.variance_scale * estimate.covariance[6:, 6:][at, at][3, 3]
     variance += (SENSOR_LINEARITY * radius) ** 2
     sigma = float(np.sqrt(variance))
-    limit = float(-ndtri(RADIUS_FALSE_ALARM_PROBABILITY / 2)) * sigma
+    limit = float(-ndtri(FALSE_ALARM_PROBABILITY / 2)) * sigma
     if stated is not None and abs(radius - stated) > limit:
         raise CalibrationRefused(
             "a ball of another radius than stated",
@@ -177,7 +175,7 @@ def _check_condition(T_b_f: Array, solution: SensorSolution, R_guess: Array | No
     u_f = plane.u @ T_b_f[estimate.used, :3, :3]
     equations = rotation_equations(first.lines, plane.u)[estimate.used]
     condition = checks.check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
-    if not first.target.was_touched:
+    if not first.target.is_place_known:
         checks.check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
     return condition
 

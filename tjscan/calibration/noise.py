@@ -54,16 +54,14 @@ class NoiseModel(SettingsTable):
     geometry: Annotated[float, Ge(0), MM] = 300e-6
 
     def __post_init__(self) -> None:
-        numbers = (self.range, self.position, self.rotation, self.touch)
-        if not all(np.isfinite(v) and v > 0 for v in numbers):
+        sigmas = np.array((self.range, self.position, self.rotation, self.touch))
+        others = np.array((self.geometry, self.correlation))
+        if not (np.isfinite((*sigmas, *others)).all() and sigmas.min() > 0 <= others.min()):
             raise ValueError(
-                "every standard deviation must be finite and positive: a measurement without "
-                "error has infinite weight"
+                "every standard deviation must be finite and positive: a measurement without error "
+                "has infinite weight; the arm's geometry error and the correlation, a number of "
+                "columns, must be finite, zero or more"
             )
-        if not (np.isfinite(self.geometry) and self.geometry >= 0):
-            raise ValueError("the arm's geometry error is a number of metres, zero or more")
-        if not (np.isfinite(self.correlation) and self.correlation >= 0):
-            raise ValueError("the correlation is a number of columns, zero or more")
 
     @property
     def mean_variance_inflation(self) -> float:
@@ -74,7 +72,7 @@ class NoiseModel(SettingsTable):
         return float(1 + 2 * np.exp(-((lags / self.correlation) ** 2)).sum())
 
 
-ARM_REACH: Final = 0.7
+TYPICAL_FLANGE_LEVER: Final = 0.7
 """Metres from a joint to the flange, typically: the flange moves by this times the change of a
 joint's angle, and an error of its position over this is the error of its orientation."""
 
@@ -95,7 +93,8 @@ def geometry_error_correlation(T_b_f: Array) -> Array:
     -----
     Errors of lengths, twists and zeros of joints move the flange by sums of sines and cosines of
     the joints' angles. With random amplitudes a sin q + b cos q correlates over a
-    change of q as its cosine, near ``exp(-q² / 2)``: over one radian, or `ARM_REACH` metres.
+    change of q as its cosine, near ``exp(-q² / 2)``: over one radian, or `TYPICAL_FLANGE_LEVER`
+    metres.
     """
     p = T_b_f[:, :3, 3]
     metres = np.linalg.norm(p[:, None] - p, axis=2)
@@ -103,7 +102,7 @@ def geometry_error_correlation(T_b_f: Array) -> Array:
     # |R_i - R_j|² = 8 sin²(angle / 2), also where the angle is tiny.
     chord = np.linalg.norm(R[:, None] - R, axis=(2, 3))
     radians = 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1.0))
-    return np.asarray(np.exp(-0.5 * ((metres / ARM_REACH) ** 2 + radians**2)))
+    return np.asarray(np.exp(-0.5 * ((metres / TYPICAL_FLANGE_LEVER) ** 2 + radians**2)))
 
 
 def geometry_error_covariance(by_arm: Array, correlation: Array) -> Array:
@@ -116,5 +115,5 @@ def geometry_error_covariance(by_arm: Array, correlation: Array) -> Array:
     correlation : ndarray, shape (N, N)
         Of the error between the poses of the residuals.
     """
-    scaled = by_arm / np.repeat((1.0, ARM_REACH), 3)
+    scaled = by_arm / np.repeat((1.0, TYPICAL_FLANGE_LEVER), 3)
     return np.asarray(correlation * (scaled @ scaled.T))

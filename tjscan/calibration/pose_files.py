@@ -5,8 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
@@ -19,7 +18,7 @@ from tjscan.calibration.targets.target import PosedProfile
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array, pose
-from tjscan.laser.files.format import METRES_PER_UNIT
+from tjscan.laser.files.format import METRES_PER_UNIT, explain_unreadable_table
 from tjscan.laser.files.read import PROFILE_COLUMNS
 from tjscan.laser.profile import Profile
 
@@ -232,7 +231,7 @@ def read_flange_poses(file: Path) -> FlangePoseList:
     ConfigurationError
         If the file is missing, or a column or a number is missing or wrong.
     """
-    with _explain_errors_of(file):
+    with explain_unreadable_table(file):
         if (program := ARM_PROGRAM_READERS.get(file.suffix.lower())) is not None:
             read, convention = program
             poses = read(_read_text(file, errors="replace"))
@@ -265,7 +264,7 @@ def read_points_in_base_frame(file: Path) -> Array:
     ConfigurationError
         As `read_flange_poses` does.
     """
-    with _explain_errors_of(file):
+    with explain_unreadable_table(file):
         names, rows = _read_table(file)
         columns = _find_position_columns(names)
         try:
@@ -311,21 +310,6 @@ def pair_profiles_with_poses(
         PosedProfile(name, poses.T_b_f[key], profile, poses.q.get(key))
         for key, (name, profile) in zip(keys, profiles.items(), strict=True)
     ]
-
-
-@contextmanager
-def _explain_errors_of(file: Path) -> Iterator[None]:
-    """Turn errors of reading a file into a `ConfigurationError` that names it."""
-    try:
-        yield
-    except FileNotFoundError:
-        raise ConfigurationError("there is no such file", file=file) from None
-    except OSError as error:
-        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
-    except ValueError as error:
-        raise ConfigurationError(str(error), file=file) from None
 
 
 def _read_text(file: Path, errors: str = "strict") -> str:

@@ -6,7 +6,6 @@ import errno
 import logging
 import sys
 from collections.abc import Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,10 +57,6 @@ for group, module, functions in COMMAND_GROUPS:
         group.command(f"tjscan.cli.{module}:{function}", name=function)
 app.register_install_completion_command()
 
-for command in entry_points(group="tjscan.command"):
-    if command.name not in app:
-        app.command(command.value, name=command.name)
-
 LOOPBACK_COMMANDS: Final = ("ur-loopback", "laser-loopback", "vehicle-loopback")
 """Commands that the distribution tjscan-loopback adds by entry points, as any package may."""
 
@@ -87,21 +82,33 @@ def exit_code_of_error(error: errors.TjscanError) -> int:
     return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)
 
 
-def _refuse_missing_loopback(tokens: Sequence[str]) -> None:
-    """Refuse the command of a loopback device whose package is missing."""
-    if tokens and tokens[0] in LOOPBACK_COMMANDS and tokens[0] not in app:
+def add_commands_of_packages() -> None:
+    """Add the commands that other packages bring by entry points; the program's own stay."""
+    from importlib.metadata import entry_points  # needs 60 modules that no other command needs
+
+    for command in entry_points(group="tjscan.command"):
+        if command.name not in app:
+            app.command(command.value, name=command.name)
+
+
+def _load_commands(tokens: Sequence[str]) -> None:
+    """Load the commands that a page of help lists, whose docstrings it shows, or that is unknown.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is of a loopback device whose package is missing.
+    """
+    words = tuple(token for token in tokens if not token.startswith("-"))
+    if not words or words[0] not in app:
+        add_commands_of_packages()
+    if words and words[0] in LOOPBACK_COMMANDS and words[0] not in app:
         raise errors.ConfigurationError(
-            f"'tjscan {tokens[0]}' needs the package tjscan-loopback, which is not installed: "
+            f"'tjscan {words[0]}' needs the package tjscan-loopback, which is not installed: "
             "pip install ./loopback in the checkout of tjscan"
         )
-
-
-def _load_listed_commands(tokens: Sequence[str]) -> None:
-    """Load the commands that a page of help lists: it shows the first lines of their docstrings."""
-    words = tuple(token for token in tokens if not token.startswith("-"))
-    listing = {(): app, ("crawl",): crawl_app, ("tow",): tow_app}.get(words)
-    if listing is not None:
-        listing.resolved_commands()
+    if words in (listings := {(): app, ("crawl",): crawl_app, ("tow",): tow_app}):
+        listings[words].resolved_commands()
 
 
 def main(tokens: Sequence[str] | None = None) -> None:
@@ -111,8 +118,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     logging.getLogger("trimesh").propagate = False
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
-        _refuse_missing_loopback(tokens)
-        _load_listed_commands(tokens)
+        _load_commands(tokens)
         app(tokens, exit_on_error=False, print_error=True)
     except CycloptsError:
         sys.exit(2)

@@ -9,7 +9,7 @@ from threading import Thread
 from typing import Final
 
 from tjscan.cli.output.console import print_message
-from tjscan.core.signals import enable_ctrl_c, handle_ctrl_c, press_ctrl_c
+from tjscan.core.signals import enable_ctrl_c, handle_ctrl_c, interrupt_main_thread
 from tjscan.scanning.stopping import StopRequest
 
 INTERRUPT_EXIT_CODE: Final = 130
@@ -33,7 +33,7 @@ def stop_request_on_ctrl_c() -> Iterator[StopRequest]:
         times += 1
         pressed.put(True)
 
-    listener = Thread(target=_act_on_presses, args=(request, pressed), daemon=True)
+    listener = Thread(target=_stop_scan_on_presses, args=(request, pressed), daemon=True)
     listener.start()
     try:
         with handle_ctrl_c(handle):
@@ -43,7 +43,7 @@ def stop_request_on_ctrl_c() -> Iterator[StopRequest]:
         listener.join()
 
 
-def _act_on_presses(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
+def _stop_scan_on_presses(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
     if not pressed.get():
         return
     request.request_stop_after_section()
@@ -59,4 +59,4 @@ def ctrl_c_presser() -> Callable[[], None]:
     stop it all the same.
     """
     enable_ctrl_c()
-    return press_ctrl_c
+    return interrupt_main_thread

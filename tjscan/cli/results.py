@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from cyclopts import Parameter
 
-from tjscan.cli.options.page import PageOptions
+from tjscan.cli.options.shared import PageOptions
 from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.signals import wait_for_ctrl_c
@@ -17,7 +17,7 @@ from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 
 if TYPE_CHECKING:
     from tjscan.groove.settings import GrooveSettings
-    from tjscan.laser.files.format import FileProfiles, ProfileFormat
+    from tjscan.laser.files.format import FileProfiles
 
 
 @Parameter(name="*")
@@ -47,14 +47,6 @@ class ProfileFileOptions:
     invalid: list[float] | None = None
     z_scale: float = 1.0
     z_offset: float | None = None
-
-    @property
-    def profile_format(self) -> ProfileFormat:
-        """The options as the format that the reader of profile files takes."""
-        from tjscan.laser.files.format import ProfileFormat
-
-        invalid = tuple(self.invalid or ())
-        return ProfileFormat(self.units, self.pitch, invalid, self.z_scale, self.z_offset)
 
 
 @Parameter(name="*")
@@ -139,9 +131,8 @@ def _groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) 
 
     job = file / JOB_FILE
     own = table_to_dict(read_scan_job(job).groove) if job.is_file() else {}
-    stated = {} if options is None else asdict(options)
-    stated = {key: value for key, value in stated.items() if value is not None}
-    return validate_table(GrooveSettings, own | stated)
+    stated = asdict(options or GrooveReadingOptions()).items()
+    return validate_table(GrooveSettings, own | {k: v for k, v in stated if v is not None})
 
 
 def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfiles:
@@ -153,13 +144,14 @@ def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfil
         If there are none.
     """
     from tjscan.cli.output.results import print_bad_rows
-    from tjscan.laser.files.format import FileProfiles
+    from tjscan.laser.files.format import FileProfiles, ProfileFormat
     from tjscan.laser.files.read import read_profiles
     from tjscan.scanning.recording import load_profiles_of_run as read_recorded
 
     o = options or ProfileFileOptions()
     is_run = (file / JOB_FILE).is_file()
-    table = FileProfiles(read_recorded(file)) if is_run else read_profiles(file, o.profile_format)
+    form = ProfileFormat(o.units, o.pitch, tuple(o.invalid or ()), o.z_scale, o.z_offset)
+    table = FileProfiles(read_recorded(file)) if is_run else read_profiles(file, form)
     print_bad_rows(file, table.bad)
     for note in table.notes:
         print_message(f"{file}: {note}")
@@ -315,10 +307,10 @@ def report(
     """
     with show_phase("writing the report"):
         from tjscan.comparison.shapes import UserUnitAndFrame
-        from tjscan.report.plan_page import PLAN, write_plan_page
+        from tjscan.report.plan_page import PLAN_FILE, write_plan_page
         from tjscan.report.write import write_run_report
 
-        if (run / PLAN).is_file():
+        if (run / PLAN_FILE).is_file():
             print_message(f"written to {write_plan_page(run)}")
             if reference is None and not (run / SUMMARY_FILE).is_file():
                 return  # the plan is not in the directory of its run
@@ -337,9 +329,9 @@ def view(*runs: Path, page: PageOptions | None = None) -> None:
     """
     if not runs:
         raise ConfigurationError("view takes one run directory or more")
-    where = (page or PageOptions()).where
+    where = (page or PageOptions()).page_address
     with show_phase("reading the recordings"):
-        from tjscan.live.replay import Replay
+        from tjscan.live.page import Replay
         from tjscan.runs.tasks import read_recorded_show
 
         shows = [read_recorded_show(run) for run in runs]

@@ -111,7 +111,7 @@ def nearest_point_finder_in_cloud(points: Array) -> NearestOnReference:
     spread = np.linalg.eigvalsh(np.asarray(cloud.covariances))
     if np.median(spread[:, 1]) < LINE_VARIANCE_RATIO * np.median(spread[:, 2]):
         raise ComparisonRefused(
-            "the reference's points lie on separate lines, which give no direction across: align "
+            "the reference's points are on separate lines, which give no direction across: align "
             "to a mesh or to a denser cloud"
         )
     cloud.estimate_normals(nearest)
@@ -154,11 +154,8 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
         apart = np.linalg.norm(moved - feet, axis=1)
         off = np.abs(np.sum((moved - feet) * normals, axis=1))
         near = apart < MOST_PARTNER_DISTANCE
-        _check_enough_points_near(
-            near,
-            "",
-            "they overlap too little, or begin too far apart to be aligned from where they are",
-        )
+        why = "they overlap too little, or begin too far apart to be aligned from where they are"
+        _check_enough_points_near(near, "", why)
         width = 3 * max(mad_sigma(off[near]), LEAST_RESIDUAL_SIGMA)
         if move < CONVERGED_ICP_MOVE or rounds == MOST_ICP_ROUNDS:
             break
@@ -178,7 +175,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
     fitness = float(held.mean())
     if fitness < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(
-            f"only {100 * fitness:.0f} % of the points come to lie on the reference, "
+            f"only {100 * fitness:.0f} % of the points are on the reference after alignment, "
             f"{100 * LEAST_PARTNER_SHARE:.0f} % must: they show something else for the most part"
         )
     residual = float(np.sqrt(np.mean(off[held] ** 2)))
@@ -190,7 +187,7 @@ def _check_enough_points_near(near: Mask, when: str, causes: str) -> None:
     """Refuse points if too few are near the reference."""
     if near.mean() < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(
-            f"{100 * near.mean():.0f} % of the points lie within "
+            f"{100 * near.mean():.0f} % of the points are within "
             f"{1e3 * MOST_PARTNER_DISTANCE:.0f} mm of the reference{when}, "
             f"{100 * LEAST_PARTNER_SHARE:.0f} % must: {causes}"
         )
@@ -218,7 +215,7 @@ RAY_START_OFFSET: Final = 1e-4
 MOST_DIAMETER_DIFFERENCE: Final = 5e-3
 """Metres by which diameters may differ before two joints are two joints."""
 
-CLEAR_RESIDUAL_RATIO: Final = 0.8
+CLEAR_TURN_RESIDUAL_RATIO: Final = 0.8
 """Ratio of residuals below which one of two turns is the right one."""
 
 TURN_DECISION_POINTS: Final = 20_000
@@ -260,14 +257,11 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
     medians = [float(np.median(distances)) for distances in off]
     less = int(np.argmin([rotation_angle_between(np.eye(4), T) for T in turns]))
     best = int(np.argmin(medians))
-    clear = medians[best] < CLEAR_RESIDUAL_RATIO * medians[1 - best]
+    clear = medians[best] < CLEAR_TURN_RESIDUAL_RATIO * medians[1 - best]
     chosen = best if clear else less
     near = off[chosen] < MOST_PARTNER_DISTANCE
-    _check_enough_points_near(
-        near,
-        " once the joints' own frames coincide",
-        "these are two different joints, or one of them was not seen well enough",
-    )
+    why = "these are two different joints, or one of them was not seen well enough"
+    _check_enough_points_near(near, " once the joints' own frames coincide", why)
     T = turns[chosen]
     width = 3 * max(mad_sigma(off[chosen][near]), LEAST_RESIDUAL_SIGMA)
     held = off[chosen] < width

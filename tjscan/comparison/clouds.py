@@ -12,24 +12,15 @@ import re
 import zipfile
 from collections.abc import Callable
 from importlib import import_module
-from importlib.util import find_spec
 from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from tjscan.comparison.shapes import (
-    Mesh,
-    Shape,
-    UnitAndFrame,
-    UserUnitAndFrame,
-    find_sidecar,
-    read_sidecar,
-    resolve_unit_and_frame,
-)
+from tjscan.comparison import shapes
 from tjscan.core import mesh_files
-from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.errors import ConfigurationError, explain_missing_package, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.mesh_files import MOST_MEMORY
@@ -68,15 +59,13 @@ def read_pcd(path: Path) -> Array:
     with path.open("rb") as stream:
         layout, count, encoding = _read_pcd_header(stream)
         rest = path.stat().st_size - stream.tell()
-        rate = (
-            MEMORY_PER_COMPRESSED_PCD_POINT
-            if encoding == "binary_compressed"
-            else MEMORY_PER_PCD_POINT
-        )
+        is_compressed = encoding == "binary_compressed"
+        rate = MEMORY_PER_COMPRESSED_PCD_POINT if is_compressed else MEMORY_PER_PCD_POINT
         mesh_files.refuse_large_memory(path, count * (rate + layout.itemsize))
         if encoding == "ascii":
             lines = (line.decode("ascii") for line in stream)
-            columns = [_first_column_of_field(layout, axis) for axis in "xyz"]
+            widths = [prod(layout[name].shape) for name in layout.names or ()]
+            columns = [sum(widths[: (layout.names or ()).index(axis)]) for axis in "xyz"]
             return np.loadtxt(lines, usecols=columns, ndmin=2, max_rows=count)
         if encoding == "binary":
             if count * layout.itemsize > rest:
@@ -117,12 +106,6 @@ def _read_pcd_header(stream: BinaryIO) -> tuple[np.dtype[Any], int, str]:
     return layout, points, data
 
 
-def _first_column_of_field(layout: np.dtype[Any], axis: str) -> int:
-    """Column of a field in a text, if a field of many numbers takes as many."""
-    names = list(layout.names or ())
-    return sum(prod(layout[name].shape) for name in names[: names.index(axis)])
-
-
 def _read_compressed(path: Path) -> Array:
     o3d: Any = import_module("open3d")
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
@@ -136,10 +119,10 @@ MEMORY_PER_E57_POINT: Final = 120
 """Bytes of memory that reading a point of an E57 takes."""
 
 FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
-"""Points, triangles or None, and the unit that the file states with where it states it."""
+"""Points, triangles or None, and the unit that the file states and the place where it does."""
 
 
-def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
+def read_shape_file(path: Path, options: shapes.UserUnitAndFrame | None = None) -> shapes.Shape:
     """Read a shape from a joint's TOML, a mesh, a cloud or ``edges.csv``.
 
     Parameters
@@ -155,23 +138,25 @@ def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shap
         If it is missing, damaged or empty, takes more memory to read than `MOST_MEMORY`, or
         nothing states its unit or its frame.
     """
-    options = options or UserUnitAndFrame()
+    options = options or shapes.UserUnitAndFrame()
     kind = path.suffix.lower()
     if kind == ".toml":
-        return _joint_shape(read_joint(path), UnitAndFrame("mm", "the joint's file", "j"))
+        return _joint_shape(read_joint(path), shapes.UnitAndFrame("mm", "the joint's file", "j"))
     if not path.exists():
         near = nearest_word(path.name, [f.name for f in path.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
     check_file_size(path, MOST_MEMORY, "points and triangles")
     if kind == ".json":
-        return _read_joint_sidecar(path)
+        if (joint := shapes.read_sidecar(path).joint) is None:
+            raise ConfigurationError("describes no joint: name the file it belongs to", file=path)
+        return _joint_shape(joint, shapes.UnitAndFrame("mm", "the joint's sidecar", "j"))
     if kind not in READERS_BY_SUFFIX:
         known = " ".join(sorted(READERS_BY_SUFFIX))
         message = f"can't read {kind or 'a file without ending'}; {known}"
         raise ConfigurationError(message, file=path)
     if kind == ".csv" and (edges := _read_edges(path)) is not None:
-        stated = UnitAndFrame("mm", "the names of its columns", "j")
-        return Shape(path.name, stated, edges=edges, is_in_joint_frame=True)
+        stated = shapes.UnitAndFrame("mm", "the names of its columns", "j")
+        return shapes.Shape(path.name, stated, edges=edges, is_in_joint_frame=True)
     try:
         points, triangles, own = READERS_BY_SUFFIX[kind](path)
         points = points.reshape(-1, 3)
@@ -180,34 +165,31 @@ def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shap
     except Exception as error:  # parsers raise whatever they stumble on
         reason = f"{type(error).__name__}: {error}".strip(": ")
         raise ConfigurationError(f"is damaged, or is no {kind[1:]}: {reason}", file=path) from None
-    sidecar = find_sidecar(path)
-    stated = resolve_unit_and_frame(path, options, sidecar, own)
+    sidecar = shapes.find_sidecar(path)
+    stated = shapes.resolve_unit_and_frame(path, options, sidecar, own)
     scaled = METRES_PER_UNIT[stated.unit] * points
-    if triangles is not None and len(triangles):
+    if triangles is not None:
         _check_triangles(path, scaled, triangles)
         # The edges of a joint are in frame j, whatever the sidecar states of the mesh.
         joint = sidecar.joint if sidecar is not None and stated.frame == "j" else None
         edges = None if joint is None else feature_edges(joint)
-        mesh = Mesh(readonly_copy(scaled), triangles)
-        return Shape(path.name, stated, mesh=mesh, edges=edges, is_in_joint_frame=edges is not None)
+        mesh = shapes.Mesh(readonly_copy(scaled), triangles)
+        return shapes.Shape(
+            path.name, stated, mesh=mesh, edges=edges, is_in_joint_frame=edges is not None
+        )
     finite = np.isfinite(scaled).all(axis=1)
     if not finite.any():
         raise ConfigurationError("holds no point", file=path)
     dropped = int((~finite).sum())
-    return Shape(path.name, stated, readonly_copy(scaled[finite]), dropped=dropped)
+    return shapes.Shape(path.name, stated, readonly_copy(scaled[finite]), dropped=dropped)
 
 
-def _joint_shape(joint: JointDefinition, stated: UnitAndFrame) -> Shape:
+def _joint_shape(joint: JointDefinition, stated: shapes.UnitAndFrame) -> shapes.Shape:
     built = build_joint_mesh(joint)
-    mesh = Mesh(built.vertices, built.triangles.astype(np.intp))
-    return Shape(joint.name, stated, mesh=mesh, edges=feature_edges(joint), is_in_joint_frame=True)
-
-
-def _read_joint_sidecar(path: Path) -> Shape:
-    sidecar = read_sidecar(path)
-    if sidecar.joint is None:
-        raise ConfigurationError("describes no joint: name the file it stands beside", file=path)
-    return _joint_shape(sidecar.joint, UnitAndFrame("mm", "the joint's sidecar", "j"))
+    mesh = shapes.Mesh(built.vertices, built.triangles.astype(np.intp))
+    return shapes.Shape(
+        joint.name, stated, mesh=mesh, edges=feature_edges(joint), is_in_joint_frame=True
+    )
 
 
 def _read_edges(path: Path) -> FeatureEdges | None:
@@ -259,24 +241,21 @@ def _read_3mf(path: Path) -> FileContent:
 
 def _read_step(path: Path) -> FileContent:
     """STEP states its unit; it is triangulated to metres on the way in."""
-    _check_package("cascadio", "STEP", "step")
+    with explain_missing_package("reading STEP", "step"):
+        import_module("cascadio")
     points, triangles, _ = _read_mesh(path)
     return points, triangles, ("m", "its conversion to triangles")
 
 
 def _read_e57(path: Path) -> FileContent:
     """E57 is in metres by its standard (ASTM E2807); all scans, each in its pose."""
-    _check_package("pye57", "E57", "e57")
-    file = import_module("pye57").E57(str(path))
+    with explain_missing_package("reading E57", "e57"):
+        file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
     mesh_files.refuse_large_memory(path, MEMORY_PER_E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")
-
-
-def _read_pcd(path: Path) -> FileContent:
-    return read_pcd(path), None, None
 
 
 def _read_xyz(path: Path) -> FileContent:
@@ -320,12 +299,6 @@ def _check_triangles(path: Path, points: Array, triangles: Array | Any) -> None:
         raise ConfigurationError("has triangles without vertices", file=path)
 
 
-def _check_package(package: str, what: str, extra: str) -> None:
-    if find_spec(package) is None:
-        message = f"reading {what} needs the package {package}: pip install 'tjscan[{extra}]'"
-        raise ConfigurationError(message)
-
-
 READERS_BY_SUFFIX: Final[dict[str, Callable[[Path], FileContent]]] = {
     ".ply": _read_ply,
     ".stl": _read_mesh,
@@ -334,7 +307,7 @@ READERS_BY_SUFFIX: Final[dict[str, Callable[[Path], FileContent]]] = {
     ".step": _read_step,
     ".stp": _read_step,
     ".e57": _read_e57,
-    ".pcd": _read_pcd,
+    ".pcd": lambda path: (read_pcd(path), None, None),
     ".xyz": _read_xyz,
     ".txt": _read_xyz,
     ".csv": _read_csv,

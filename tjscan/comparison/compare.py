@@ -169,7 +169,7 @@ SMALLEST_REFERENCE, LARGEST_REFERENCE = 20e-3, 100.0
 """Diagonals of a reference in metres between which its units are accepted."""
 
 LEAST_SIZE_RATIO, LARGEST_SIZE_RATIO = 3e-3, 30.0
-"""Size of what was measured over that of the reference between which units are accepted: a
+"""Size of what was measured over the reference's between which units are accepted: a
 mistaken unit is off by 1000."""
 
 
@@ -308,10 +308,8 @@ def _measure_deviations(
     middle = corners[:, 1:4].reshape(-1, 3)
     absent = np.zeros(len(middle), bool) if measured.absent is None else measured.absent.ravel()
     if reference.edges is not None:
-        kind, meaning = (
-            "corners to feature edges",
-            "of p2, p3 and p4, each from its own edge, unsigned",
-        )
+        kind = "corners to feature edges"
+        meaning = "of p2, p3 and p4, each from its own edge, unsigned"
         distances = corner_to_edge_distances(corners, reference.edges, measured.absent).ravel()
         yield DeviationDistances(kind, meaning, False, middle, distances, tolerance)
     if cloud is not None:

@@ -15,7 +15,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import read_small_file
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.units import SettingsTable
 
 
@@ -52,7 +52,7 @@ class StrictFileModel(pydantic.BaseModel):
 J = TypeVar("J")
 M = TypeVar("M", bound=StrictFileModel | SettingsTable)
 
-UNKNOWN_KEY_ERRORS: Final = ("extra_forbidden", "unexpected_keyword_argument")
+PYDANTIC_UNKNOWN_KEY_ERRORS: Final = ("extra_forbidden", "unexpected_keyword_argument")
 """What pydantic calls a key that a table does not have."""
 
 MOST_CONFIGURATION_BYTES: Final = 1_000_000
@@ -61,7 +61,7 @@ MOST_CONFIGURATION_BYTES: Final = 1_000_000
 LONGEST_LINE_CHARACTERS: Final = 5000
 """Characters. A key of thousands of parts would keep the parser busy for minutes."""
 
-LONGEST_VALUE_CHARACTERS: Final = 200
+QUOTED_VALUE_CHARACTERS: Final = 200
 """Characters of a wrong value that a message repeats."""
 
 
@@ -117,13 +117,13 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
         return pydantic.TypeAdapter(model).validate_python(dict(data))
     except pydantic.ValidationError as error:
         # A misspelt key is both unknown and missing: report the former.
-        first = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY_ERRORS)
+        first = min(error.errors(), key=lambda e: e["type"] not in PYDANTIC_UNKNOWN_KEY_ERRORS)
         key = ".".join(str(part) for part in first["loc"])
-        message = _list_entries_in_words(first["loc"]) + _explain_error(model, first)
+        message = _list_positions_in_words(first["loc"]) + _explain_error(model, first)
         raise ConfigurationError(message, file=file, key=key or None) from None
 
 
-def read_json_as_written(model: type[J], file: Path, most: int, what: str) -> J:
+def read_unaltered_json(model: type[J], file: Path, most: int, what: str) -> J:
     """Read a JSON file of a run directory that this program wrote, into a dataclass.
 
     Parameters
@@ -146,7 +146,7 @@ def read_json_as_written(model: type[J], file: Path, most: int, what: str) -> J:
     """
     try:
         content = read_small_file(file, most, f"a {what}")
-        check_as_written(file)
+        check_files_unaltered(file)
         return pydantic.TypeAdapter(model).validate_json(content)
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
@@ -187,7 +187,7 @@ def add_file_to_errors(file: Path | None = None, *, key: str | None = None) -> I
 
 def _explain_error(model: Any, detail: ErrorDetails) -> str:
     """One sentence that states what is wrong with a key and what would be right."""
-    if detail["type"] in UNKNOWN_KEY_ERRORS:
+    if detail["type"] in PYDANTIC_UNKNOWN_KEY_ERRORS:
         known = _known_keys_at(model, [str(part) for part in detail["loc"][:-1]])
         return f"unknown key; did you mean: {nearest_word(str(detail['loc'][-1]), known)}?"
     if detail["type"] in ("model_type", "model_attributes_type", "dataclass_type"):
@@ -202,7 +202,7 @@ def _explain_error(model: Any, detail: ErrorDetails) -> str:
     return message if isinstance(found, dict) else f"{message} (found {_shortened_repr(found)})"
 
 
-def _list_entries_in_words(path: Sequence[int | str]) -> str:
+def _list_positions_in_words(path: Sequence[int | str]) -> str:
     """Which entries of lists a path leads through, counted from 1; a key counts them from 0."""
     pairs = pairwise(path)
     return "".join(f"{name} number {i + 1}: " for name, i in pairs if isinstance(i, int))
@@ -214,7 +214,7 @@ def _shortened_repr(value: Any) -> str:
         text = repr(value)
     except (ValueError, RecursionError):
         return f"a {type(value).__name__} of great size"
-    return text if len(text) <= LONGEST_VALUE_CHARACTERS else f"{text[:LONGEST_VALUE_CHARACTERS]}…"
+    return text if len(text) <= QUOTED_VALUE_CHARACTERS else f"{text[:QUOTED_VALUE_CHARACTERS]}…"
 
 
 def _known_keys_at(model: Any, path: Sequence[str]) -> list[str]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
@@ -61,7 +60,9 @@ class Device(Protocol):
 
 
 class DeviceBase:
-    """Base of drivers whose device reports neither its identity nor any events."""
+    """Base of drivers: a device of unknown identity, which reports its events to one listener."""
+
+    _listener: EventListener = staticmethod(lambda name, sentence: None)
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -69,7 +70,8 @@ class DeviceBase:
         return DeviceIdentity()
 
     def report_events_to(self, listener: EventListener) -> None:
-        """Send the device's events to a listener from now on; a device of this base has none."""
+        """Report the device's events to a listener from now on, in the thread that calls it."""
+        self._listener = listener
 
 
 class LocalDevice(DeviceBase):
@@ -111,15 +113,12 @@ class NoSettings(SettingsTable):
 class DriverFactory(Generic[C, D]):
     """How a driver makes its device from the settings in a job file.
 
-    A driver is a module with one of these: a `tjscan.robot.drivers.ArmDriverFactory`, registered
-    by name in `ARM_DRIVERS` there, or a `tjscan.laser.drivers.LaserDriverFactory`, in
-    `LASER_DRIVERS`. A package of its own registers it by an entry point::
-
-        [project.entry-points."tjscan.laser"]
-        acme = "acme_tjscan:DRIVER"
-
-    Then a job may have ``laser.driver = "acme"``, and its table ``[laser.acme]`` is checked against
-    `table`. Import what is heavy inside `make`: tables are checked without it.
+    A driver is a module with one of these, registered by name in the table of its kind: an
+    `ArmDriverFactory` in `ARM_DRIVERS`, a `LaserDriverFactory` in `LASER_DRIVERS`. A package of its
+    own registers it by an entry point of the group that is named after the kind; see
+    docs/own-devices.md. Then a job may have ``laser.driver = "acme"``, and its table
+    ``[laser.acme]`` is checked against `table`. Import what is heavy inside `make`: tables are
+    checked without it.
 
     Parameters
     ----------
@@ -130,64 +129,63 @@ class DriverFactory(Generic[C, D]):
         Its own table in the job file.
     kind : DriverKind, optional
         A device, a simulation or a recording.
+    extra : str, optional
+        What to install if it needs more than a plain install.
+    client : str, optional
+        Module of its client library, if that is imported in a process of its own alone.
     """
 
     make: Callable[[C, Any], D]
     table: type[SettingsTable] = NoSettings
     kind: DriverKind = DriverKind.REAL
+    extra: str | None = None
+    client: str | None = None
 
 
-F = TypeVar("F")
+F = TypeVar("F", bound=DriverFactory[Any, Any])
 
 
 @dataclass(frozen=True)
 class DriverRegistry(Generic[F]):
-    """Every driver of a kind of device by name; each is imported only when it is loaded.
+    """Every driver of a kind of device by name; another package's is imported when it is loaded.
 
-    Another package adds to it by an entry point in the group ``tjscan.<kind>``; see
+    Another package adds to it by an entry point in the group ``tjscan.<device>``; see
     `DriverFactory`.
 
     Parameters
     ----------
-    kind : str
-        What its entries are, in one word for messages, for instance ``arm``.
-    own : mapping of str to str
-        Name of each entry of this package, and where it is: ``module:attribute``.
-    extras : mapping of str to str
-        For an entry that needs more than a plain install: the extra to install.
-    key : str, optional
-        Where a job file names an entry, for messages, for instance ``arm.driver``.
+    device : str
+        What its drivers drive, in one word for messages, for instance ``arm``.
+    own : mapping of str to DriverFactory
+        The drivers of this package.
+    key : str
+        Where a job file names a driver, for messages, for instance ``arm.driver``.
     type : type, optional
         What every entry is an instance of.
-    clients : mapping of str to str, optional
-        For a driver whose client library is imported in a process of its own alone: the library's
-        module.
     """
 
-    kind: str
-    own: Mapping[str, str]
-    extras: Mapping[str, str] = field(default_factory=dict)
-    key: str | None = None
-    type: type[Any] = object
-    clients: Mapping[str, str] = field(default_factory=dict)
+    device: str
+    own: Mapping[str, F]
+    key: str
+    type: type[Any] = DriverFactory
 
     @cached_property
-    def _places(self) -> dict[str, str]:
-        added = entry_points(group=f"tjscan.{self.kind}")
-        return {**{point.name: point.value for point in added}, **self.own}
+    def _entries(self) -> dict[str, F | EntryPoint]:
+        added = entry_points(group=f"tjscan.{self.device}")
+        return {**{point.name: point for point in added}, **self.own}
 
     @property
     def table_key(self) -> str:
         """Table of a job file that names an entry."""
-        return (self.key or self.kind).partition(".")[0]
+        return self.key.partition(".")[0]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all entries, in alphabetical order."""
-        return tuple(sorted(self._places))
+        """Names of all drivers, in alphabetical order."""
+        return tuple(sorted(self._entries))
 
     def load(self, name: str) -> F:
-        """Import and return the entry of a name.
+        """Return the driver of a name, imported if it is another package's.
 
         Raises
         ------
@@ -195,16 +193,18 @@ class DriverRegistry(Generic[F]):
             If there is none, what it needs is not installed, or a package registered something
             else by that name.
         """
-        if name not in self._places:
+        entry = self._entries.get(name)
+        if entry is None:
             raise self._error_at_key(
-                f"there is no {self.kind} {name!r}; did you mean: "
+                f"there is no {self.device} {name!r}; did you mean: "
                 f"{errors.nearest_word(name, self.names)}? Known: {', '.join(self.names)}"
             )
-        place = self._places[name]
-        registered = f"the {self.kind} {name!r} is registered as {place}, which"
+        if not isinstance(entry, EntryPoint):
+            return entry
+        registered = f"the {self.device} {name!r} is registered as {entry.value}, which"
         try:
-            with self.explain_missing_package(name):
-                loaded: F = EntryPoint(name, place, f"tjscan.{self.kind}").load()
+            with errors.explain_missing_package(f"the {self.device} {name!r}", None, self.key):
+                loaded: F = entry.load()
         except AttributeError as error:
             raise self._error_at_key(f"{registered} can't be loaded: {error}") from error
         if not isinstance(loaded, self.type):
@@ -213,12 +213,6 @@ class DriverRegistry(Generic[F]):
 
     def _error_at_key(self, message: str) -> errors.ConfigurationError:
         return errors.ConfigurationError(message, key=self.key)
-
-    def explain_missing_package(self, name: str) -> AbstractContextManager[None]:
-        """Name what to install if the block can't import a package that an entry needs."""
-        return errors.explain_missing_package(
-            f"the {self.kind} {name!r}", self.extras.get(name), self.key
-        )
 
     def make(self, name: str, inputs: Any, settings: Any) -> Any:
         """Make the device of a driver, not yet connected.
@@ -237,9 +231,8 @@ class DriverRegistry(Generic[F]):
         ConfigurationError
             If there is no such driver, or a package is missing that it needs.
         """
-        factory: Any = self.load(name)
-        if (client := self.clients.get(name)) is not None and find_spec(client) is None:
-            what, extra = f"the {self.kind} {name!r}", self.extras.get(name)
-            raise errors.missing_package_error(what, client, extra, self.key)
-        with self.explain_missing_package(name):
+        factory, what = self.load(name), f"the {self.device} {name!r}"
+        if factory.client is not None and find_spec(factory.client) is None:
+            raise errors.missing_package_error(what, factory.client, factory.extra, self.key)
+        with errors.explain_missing_package(what, factory.extra, self.key):
             return factory.make(inputs, settings)

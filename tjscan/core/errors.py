@@ -345,7 +345,7 @@ class ResultRefused(TjscanError):
     evidence : str
         What was measured and where, with numbers, and what to do next.
     draft : object, optional
-        What was known until then, to be drawn: a `tjscan.stitching.registration.StitchingDraft`.
+        What was known until then, to be drawn: the draft of a stitching.
     """
 
     subject: ClassVar[str]

@@ -22,13 +22,13 @@ IS_WINDOWS: Final = os.name == "nt"
 """There the names of a directory need no help, and a file must be open for writing."""
 
 
-def bring_stream_to_disk(stream: IO[Any]) -> None:
+def sync_stream_to_disk(stream: IO[Any]) -> None:
     """Bring everything that was written to an open file to the disk; OSError if it can't be."""
     stream.flush()
     os.fsync(stream.fileno())
 
 
-def bring_to_disk(path: Path) -> None:
+def sync_path_to_disk(path: Path) -> None:
     """Bring a closed file to the disk, or the names in a directory; OSError if it can't be."""
     if IS_WINDOWS and path.is_dir():
         return
@@ -152,11 +152,11 @@ def write_files_atomically(
                 text = manifest_text(directory, draft, gone)
                 (draft / MANIFEST_FILE).write_text(text, encoding="utf-8")
             for file in draft.iterdir():
-                bring_to_disk(file)
+                sync_path_to_disk(file)
             for file in gone:
                 file.unlink()
             for file in sorted(draft.iterdir(), key=lambda file: order.get(file.name, 0)):
                 file.replace(directory / file.name)
-            bring_to_disk(directory)
+            sync_path_to_disk(directory)
     except OSError as error:
         raise RecordingError(f"{directory}: can't be written: {error.strerror or error}") from error

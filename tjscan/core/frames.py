@@ -32,7 +32,7 @@ ARRAY_DTYPES: Final[dict[str, type[np.generic]]] = {
 
 T = TypeVar("T")
 
-_NEXT, _NEXT_BUT_ONE = np.array((1, 2, 0)), np.array((2, 0, 1))
+_IN_YZX, _IN_ZXY = np.array((1, 2, 0)), np.array((2, 0, 1))
 
 ROTATION_ROUNDING: Final = 1e-3
 """How far from orthonormal a rotation printed with four decimals may be."""
@@ -107,7 +107,7 @@ def cross(a: Array, b: Array) -> Array:
     -----
     `numpy.cross` allows for so much else that it takes ten times as long for a few vectors.
     """
-    return np.asarray(a[..., _NEXT] * b[..., _NEXT_BUT_ONE] - a[..., _NEXT_BUT_ONE] * b[..., _NEXT])
+    return np.asarray(a[..., _IN_YZX] * b[..., _IN_ZXY] - a[..., _IN_ZXY] * b[..., _IN_YZX])
 
 
 def skew_matrix(v: ArrayLike) -> Array:
@@ -183,9 +183,8 @@ def rotation_angle_between(T_1: Array, T_2: Array) -> float:
     T_1, T_2 : ndarray, shape (4, 4) or (3, 3)
         Poses or rotations.
     """
-    return float(
-        scipy.spatial.transform.Rotation.from_matrix(T_1[:3, :3].T @ T_2[:3, :3]).magnitude()
-    )
+    turn = scipy.spatial.transform.Rotation.from_matrix(T_1[:3, :3].T @ T_2[:3, :3])
+    return float(turn.magnitude())
 
 
 def pose_from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
@@ -201,23 +200,18 @@ def pose_from_euler_zyx(position: ArrayLike, angles: ArrayLike) -> Array:
     angles : array_like, shape (3,)
         a, b, c in radians, about the moving z, y, x axes in turn.
     """
-    return pose(
-        scipy.spatial.transform.Rotation.from_euler(
-            "ZYX", np.asarray(angles, dtype=float)
-        ).as_matrix(),
-        position,
-    )
+    turn = scipy.spatial.transform.Rotation.from_euler("ZYX", np.asarray(angles, dtype=float))
+    return pose(turn.as_matrix(), position)
 
 
 def pose_to_euler_zyx(T: Array) -> tuple[Array, Array]:
     """Position in metres and Z-Y-X Euler angles in radians of a pose, each of shape (3,)."""
-    return T[:3, 3].copy(), np.asarray(
-        scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]).as_euler("ZYX")
-    )
+    turn = scipy.spatial.transform.Rotation.from_matrix(T[:3, :3])
+    return T[:3, 3].copy(), np.asarray(turn.as_euler("ZYX"))
 
 
 def pose_from_rounded_matrix(T: ArrayLike) -> Array:
-    """Pose whose rotation is the one nearest to that of a matrix printed with few decimals.
+    """Pose whose rotation is the one nearest to a matrix printed with few decimals.
 
     Raises
     ------

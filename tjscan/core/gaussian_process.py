@@ -1,6 +1,6 @@
 """Gaussian processes of one variable: values between and beyond places that were measured.
 
-Symbols are those of [1]_: training inputs x and targets y, noise sigma_n, kernel k with signal
+Symbols are from [1]_: training inputs x and targets y, noise sigma_n, kernel k with signal
 deviation sigma_f and length scale l, test inputs x_star; k_star holds the covariances between
 both, and ``alpha = (K + sigma_n² I)^-1 (y - mean)``.
 
@@ -27,11 +27,9 @@ class Kernel(Protocol):
     @property
     def sigma_f(self) -> float:
         """Standard deviation of the process."""
-        ...
 
     def __call__(self, difference: Array) -> Array:
         """Covariances of values at inputs that differ by so much, of any shape."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +114,6 @@ class SimpleKriging:
         K = kernel(x[:, None] - x) + sigma_n**2 * np.eye(len(x))
         mean = float(y.mean())
         return cls(kernel, x, scipy.linalg.cho_solve(scipy.linalg.cho_factor(K), y - mean), mean)
-
-    def predict_mean(self, x_star: Array) -> Array:
-        """Values expected at inputs, shape (m,)."""
-        return np.asarray(self.mean + self.kernel(x_star[:, None] - self.x) @ self.alpha)
 
     def predict_change(self, start: float, by: float) -> float:
         """Predict how much the value changes between two inputs.

@@ -25,7 +25,7 @@ _RECORDINGS_OF_SCANS: Final = ("scan.mcap", "*/scan.mcap")
 MANIFEST_LINE: Final = re.compile(r"([0-9a-f]{64})  (\S.*)")
 
 
-def check_as_written(*files: Path) -> None:
+def check_files_unaltered(*files: Path) -> None:
     """Refuse files that are not as this program wrote them.
 
     Parameters
@@ -39,7 +39,7 @@ def check_as_written(*files: Path) -> None:
     RecordingError
         Naming those that were edited or damaged since.
     """
-    changed = changed_since_written(*files)
+    changed = files_altered_since_written(*files)
     if changed:
         directory = changed[0].parent
         names = ", ".join(file.name for file in changed)
@@ -52,7 +52,7 @@ def check_as_written(*files: Path) -> None:
         )
 
 
-def changed_since_written(*files: Path) -> list[Path]:
+def files_altered_since_written(*files: Path) -> list[Path]:
     """Those of some files that are there and not as this program wrote them.
 
     Raises

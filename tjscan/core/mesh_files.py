@@ -28,7 +28,7 @@ MOST_HEADER_LINES: Final = 1000
 LONGEST_HEADER_LINE: Final = 10_000
 """Bytes of a line in such a header."""
 
-CHUNK_BYTES: Final = 1 << 16
+READ_CHUNK_BYTES: Final = 1 << 16
 """Bytes that are counted at once."""
 
 TEXT_MEMORY_RATES: Final = {
@@ -43,10 +43,10 @@ TEXT_MEMORY_RATES: Final = {
 
 PLY_VERTEX_MEMORY: Final = 120
 PLY_FACE_MEMORY: Final = 180
-"""Bytes for each element of a binary PLY, beside those of the file."""
+"""Bytes for each element of a binary PLY, beside the file's own."""
 
-MODEL_ELEMENT_MEMORY: Final = 135
-MODEL_ATTRIBUTE_MEMORY: Final = 300
+ELEMENT_MEMORY_OF_3MF: Final = 135
+ATTRIBUTE_MEMORY_OF_3MF: Final = 300
 """Bytes for each element of a 3MF's model, and for each of its attributes."""
 
 WORD_SEPARATORS: Final = bytes.maketrans(b",;/", b"   ")
@@ -117,8 +117,8 @@ def _memory_of_3mf(path: Path) -> float:
         for part in archive.infolist():
             with archive.open(part) as stream:
                 for chunk in _file_chunks(stream):
-                    needed += MODEL_ELEMENT_MEMORY * chunk.count(b"<")
-                    needed += MODEL_ATTRIBUTE_MEMORY * chunk.count(b"=")
+                    needed += ELEMENT_MEMORY_OF_3MF * chunk.count(b"<")
+                    needed += ATTRIBUTE_MEMORY_OF_3MF * chunk.count(b"=")
     return float(needed)
 
 
@@ -128,7 +128,7 @@ def _count_words(path: Path) -> int:
 
 
 def _file_chunks(stream: IO[bytes]) -> Iterator[bytes]:
-    return iter(lambda: stream.read(CHUNK_BYTES), b"")
+    return iter(lambda: stream.read(READ_CHUNK_BYTES), b"")
 
 
 MOST_UNPACKED_BYTES: Final = 500_000_000
@@ -188,7 +188,7 @@ def _check_vertex_count(path: Path, count: int) -> None:
     stated = [words[2] for words in lines if words[:2] == ["element", "vertex"] and words[2:]]
     if stated != [str(count)]:
         raise ConfigurationError(
-            f"is cut off: it holds {count} vertices, its header says {', '.join(stated)}",
+            f"is cut off: it holds {count} vertices, its header states {', '.join(stated)}",
             file=path,
         )
 

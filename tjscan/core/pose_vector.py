@@ -33,18 +33,14 @@ def rotation_from_vector(rotation_vector: ArrayLike) -> Array:
     -------
     ndarray, shape (..., 3, 3)
     """
-    return np.asarray(
-        scipy.spatial.transform.Rotation.from_rotvec(
-            np.asarray(rotation_vector, dtype=float)
-        ).as_matrix()
-    )
+    v = np.asarray(rotation_vector, dtype=float)
+    return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(v).as_matrix())
 
 
 def rotation_to_vector(R: ArrayLike) -> Array:
     """Rotation vectors, shape (..., 3), no longer than pi, of rotations, shape (..., 3, 3)."""
-    return np.asarray(
-        scipy.spatial.transform.Rotation.from_matrix(np.asarray(R, dtype=float)).as_rotvec()
-    )
+    R = np.asarray(R, dtype=float)
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(R).as_rotvec())
 
 
 def left_jacobian(rotation_vector: Array) -> Array:

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from typing import Final
@@ -27,12 +27,11 @@ class ClientRequest:
     number: int
     name: str
     arguments: tuple[object, ...]
-    named_arguments: Mapping[str, object]
 
     def run_on_client(self, client: object, explain: Callable[[Exception], object]) -> ClientAnswer:
         """Call the method, and return its value, or what `explain` makes of its exception."""
         try:
-            value = getattr(client, self.name)(*self.arguments, **self.named_arguments)
+            value = getattr(client, self.name)(*self.arguments)
         except Exception as error:  # a library raises what it likes
             return ClientAnswer(self.number, failure=explain(error))
         return ClientAnswer(self.number, value)
@@ -47,18 +46,6 @@ class ClientAnswer:
     failure: object = None
 
 
-class ClientClosed(Exception):
-    """The client's process had been ended before it was asked."""
-
-
-class ClientDied(Exception):
-    """The client's process ended by itself; the message quotes its last output, if any."""
-
-
-class ClientSilent(Exception):
-    """The client did not answer in time, and its process was ended."""
-
-
 class ClientProcess:
     """Process that runs a client, and the link to it; it raises nothing until it is asked.
 
@@ -67,9 +54,20 @@ class ClientProcess:
     module : str
         Module to run. Its only argument is the number of a `multiprocessing` connection, from
         which it reads a `ClientRequest` and sends a `ClientAnswer`, one after another.
+    device : str
+        What the client talks to, as errors call it.
+    ended, silent : callable
+        Make the device's errors from a message: the process has ended, or it gave no answer.
     """
 
-    def __init__(self, module: str) -> None:
+    def __init__(
+        self,
+        module: str,
+        device: str,
+        ended: Callable[[str], Exception],
+        silent: Callable[[str], Exception],
+    ) -> None:
+        self._device, self._ended, self._silent = device, ended, silent
         self._connection, theirs = Pipe()
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `close`
         with theirs:
@@ -88,44 +86,45 @@ class ClientProcess:
         """Number of the process."""
         return self._process.pid
 
-    def ask(
-        self, name: str, *arguments: object, limit: float, **named_arguments: object
-    ) -> ClientAnswer:
+    def ask(self, name: str, *arguments: object, limit: float) -> ClientAnswer:
         """Call a method of the client in its process.
 
         Parameters
         ----------
         name : str
             Name of the method.
-        *arguments, **named_arguments : object
+        *arguments : object
             Its arguments.
         limit : float
             Seconds to wait.
 
         Raises
         ------
-        ClientClosed
-            If the process had been ended before.
-        ClientDied
-            If it ended by itself.
-        ClientSilent
-            If it does not answer in time. It is ended then.
+        Exception
+            The device's error `ended` if the process has ended, before it was asked or by itself;
+            its error `silent` if no answer comes in time. The process is ended then.
         """
         with self._asking:
             if not self._open:
-                raise ClientClosed
+                raise self._ended(f"the connection to {self._device} has ended. Connect again.")
             self._number += 1
             until = time.monotonic() + limit
             try:
-                self._connection.send(ClientRequest(self._number, name, arguments, named_arguments))
+                self._connection.send(ClientRequest(self._number, name, arguments))
                 while self._connection.poll(max(until - time.monotonic(), 0.0)):
                     answer: ClientAnswer = self._connection.recv()
-                    if answer.number == self._number:  # not that of an interrupted question
+                    if answer.number == self._number:  # not of an interrupted question
                         return answer
             except (EOFError, OSError):
-                raise ClientDied(self._end_and_quote_output()) from None
+                raise self._ended(
+                    f"the connection to {self._device} broke.{self._end_and_quote_output()} See "
+                    "that nothing moves and its network cable sits, then start again."
+                ) from None
             self.close()
-            raise ClientSilent
+            raise self._silent(
+                f"{self._device} did not answer within {limit:g} s ({name}). See that it is on and "
+                "its network cable sits, then start again."
+            )
 
     def close(self, *, patience: float = 0.0) -> None:
         """End the process, whatever it is doing, and wait for that.
@@ -150,4 +149,4 @@ class ClientProcess:
         self._output.seek(0)
         last = self._output.read().decode(errors="replace").strip()[-QUOTED_OUTPUT_CHARACTERS:]
         self.close()
-        return f" It said: {' / '.join(last.splitlines())}." if last else ""
+        return f" Its last output: {' / '.join(last.splitlines())}." if last else ""

@@ -29,7 +29,7 @@ def handle_ctrl_c(handle: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def hold_ctrl_c() -> Iterator[None]:
+def delay_ctrl_c() -> Iterator[None]:
     """Let Ctrl-C wait until the block of the main thread has ended: what it does stays whole."""
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
@@ -61,7 +61,7 @@ def enable_ctrl_c() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def press_ctrl_c() -> None:
+def interrupt_main_thread() -> None:
     """Do what Ctrl-C does, from another thread."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
@@ -78,7 +78,7 @@ def wait_for_ctrl_c() -> None:
             threading.Event().wait(0.2)
 
 
-def read_no_terminal_in_background() -> None:
+def survive_background_terminal_read() -> None:
     """Let reading from the terminal of another job end at once, not stop the program."""
     if hasattr(signal, "SIGTTIN"):
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)

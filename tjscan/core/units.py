@@ -137,6 +137,10 @@ MM2: Final = FileUnit("mm2", 1e-6)
 MM_S: Final = FileUnit("mm_s", 1e-3)
 MM_S2: Final = FileUnit("mm_s2", 1e-3)
 DEG: Final = FileUnit("deg", radians(1.0))
+DEG_S: Final = FileUnit("deg_s", radians(1.0))
+PERCENT_UNIT: Final = FileUnit("percent", 0.01)
+METRE_UNIT: Final = FileUnit("m")
+NEWTON: Final = FileUnit("n")
 KG: Final = FileUnit("kg")
 MRAD: Final = FileUnit("mrad", 1e-3)
 PER_M: Final = FileUnit("per_m")
@@ -149,6 +153,10 @@ NOT_IN_FILE: Final = NotInFile()
 LIST_OR_WORD_IN_FILE: Final = ListOrWordInFile()
 
 
+STRICT_TABLE: Final[dict[str, Any]] = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
+"""Pydantic's options of what comes from outside: exact types, known keys, finite numbers."""
+
+
 class SettingsTable:
     """Base of frozen dataclasses that are tables of a file: closed, and strict about types.
 
@@ -156,12 +164,7 @@ class SettingsTable:
     """
 
     __slots__ = ()
-    __pydantic_config__: ClassVar[dict[str, Any]] = {
-        "strict": True,
-        "extra": "forbid",
-        "allow_inf_nan": False,
-        "serialize_by_alias": True,
-    }
+    __pydantic_config__: ClassVar[dict[str, Any]] = {**STRICT_TABLE, "serialize_by_alias": True}
 
     @classmethod
     def file_key_types(cls) -> dict[str, Any]:
@@ -207,7 +210,7 @@ class SettingsTable:
         schema = handler(core_schema)
         types = cls._types_in_file()
         keys = {name: _key_in_file(name, hint) for name, hint in types.items()}
-        marks = {key: _unit_or_key_of(types[name]) for name, key in keys.items()}
+        marks = {key: _find_unit_or_key(types[name]) for name, key in keys.items()}
         to_file = {key: mark.to_file for key, mark in marks.items() if isinstance(mark, FileUnit)}
         describe_table(handler.resolve_ref_schema(schema), cls, keys, to_file)
         return schema
@@ -215,16 +218,16 @@ class SettingsTable:
 
 def _key_in_file(name: str, hint: Any) -> str:
     """A field's key in a file."""
-    mark = _unit_or_key_of(hint)
+    mark = _find_unit_or_key(hint)
     if isinstance(mark, FileUnit):
         return mark.key or f"{name}_{mark.suffix}"
     return name if mark is None else mark.name
 
 
-def _unit_or_key_of(hint: Any) -> FileUnit | FileKey | None:
+def _find_unit_or_key(hint: Any) -> FileUnit | FileKey | None:
     """The unit or key that is in a type, however deep."""
     for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
-        found = part if isinstance(part, FileUnit | FileKey) else _unit_or_key_of(part)
+        found = part if isinstance(part, FileUnit | FileKey) else _find_unit_or_key(part)
         if found is not None:
             return found
     return None
@@ -300,7 +303,7 @@ def pose_to_rows_mm(T: Array) -> tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRo
     return a, b, c, d
 
 
-class _IsPose:
+class _CheckedPoseRows:
     """Refuses rows that are no pose."""
 
     def __get_pydantic_core_schema__(
@@ -317,5 +320,5 @@ class _IsPose:
         )
 
 
-PoseRows = Annotated[tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow], _IsPose()]
+PoseRows = Annotated[tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow], _CheckedPoseRows()]
 """A pose as a file holds it: the four rows of its matrix, millimetres."""

@@ -13,7 +13,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import FloatOrNan
-from tjscan.core.signals import hold_ctrl_c
+from tjscan.core.signals import delay_ctrl_c
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
@@ -171,7 +171,7 @@ class CrawlRecording(RecordingWriter):
         self._last_profile: tuple[Phase | None, float] = None, 0.0
         self._arc = False
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def record(self, message: object) -> None:
         """Write a cycle, and one of its profiles a millimetre; or an event, up to the disk."""
         match message:
@@ -186,7 +186,7 @@ class CrawlRecording(RecordingWriter):
                 self.flush()
                 self.sync_to_disk()
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def flush(self) -> None:
         """Write what waits, slip with the last cycle only.
 

@@ -70,7 +70,7 @@ def read_joint_as_paper(profile: Profile) -> PaperJoint:
     Raises
     ------
     GrooveNotFound
-        If a line from either end meets no edge, or nothing lies between the edges.
+        If a line from either end meets no edge, or nothing is between the edges.
     """
     valid = profile.valid
     x, z = profile.x_s[valid], profile.z_s[valid]
@@ -101,7 +101,7 @@ def polygon_barycentre(polygon: Array) -> Array:
     cross = x * w - u * z
     double = float(cross.sum())
     if abs(double) < 2 * LEAST_POLYGON_AREA:
-        raise GrooveNotFound("no bevel", "nothing lies between the edges", polygon)
+        raise GrooveNotFound("no bevel", "nothing is between the edges", polygon)
     return np.asarray(origin + np.array(((x + u) @ cross, (z + w) @ cross)) / (3 * double))
 
 

@@ -128,7 +128,7 @@ class DeviceSettings(units.SettingsTable):
     ) -> core_schema.CoreSchema:
         """The schema of a table with the drivers' tables in it."""
         return core_schema.no_info_wrap_validator_function(
-            cls._read_table,
+            cls._read_device_table,
             super().__get_pydantic_core_schema__(source, handler),
             serialization=core_schema.wrap_serializer_function_ser_schema(_dump_with_drivers),
         )
@@ -152,7 +152,7 @@ class DeviceSettings(units.SettingsTable):
         return schema
 
     @classmethod
-    def _read_table(cls, data: Any, read: Callable[[Any], Self]) -> Self:
+    def _read_device_table(cls, data: Any, read: Callable[[Any], Self]) -> Self:
         if not isinstance(data, dict):
             return read(data)
         driver, keys = data.get("driver"), super().file_key_types()

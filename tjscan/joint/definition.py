@@ -16,11 +16,8 @@ from annotated_types import Ge, Gt, Le, Len
 from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
-from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, PER_M, PERCENT_UNIT, SettingsTable
 from tjscan.joint.geometry import Ellipse, LegSurface, OvalLegSurface, semi_axes_same_circumference
-
-IN_PERCENT: Final = FileUnit("percent", 0.01)
-COUNT_PER_METRE: Final = FileUnit("per_m")
 
 Azimuth = Annotated[float, Ge(-360.0), Le(360.0), DEG]
 ValuesRoundJoint = Annotated[tuple[float, ...], Len(1, 360), MM]
@@ -40,7 +37,7 @@ class Ovality(SettingsTable):
         for the leg.
     """
 
-    ovality: Annotated[float, Ge(0.0), Le(5.0), IN_PERCENT] = 0.0
+    ovality: Annotated[float, Ge(0.0), Le(5.0), PERCENT_UNIT] = 0.0
     widest: Azimuth = 0.0
 
 
@@ -176,12 +173,12 @@ class Spatter(SettingsTable):
     radius : tuple of float
         Smallest and largest, in metres.
     reach : float
-        How far beside the groove they lie, in metres.
+        How far beside the groove they are, in metres.
     seed : int
         Of the places.
     """
 
-    density: Annotated[float, Ge(0.0), Le(2000.0), COUNT_PER_METRE] = 0.0
+    density: Annotated[float, Ge(0.0), Le(2000.0), PER_M] = 0.0
     radius: Annotated[tuple[float, float], MM] = (0.0004, 0.0015)
     reach: Annotated[float, Gt(0.0), Le(200.0), MM] = 0.03
     seed: int = 0
@@ -241,7 +238,7 @@ _TolerableLength = Annotated[float | None, Gt(0), Le(100), MM]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitUpTolerance(SettingsTable):
-    """The table [tolerance] of a joint's file: how far its fit-up may lie from what is drawn.
+    """The table [tolerance] of a joint's file: how far its fit-up may be from what is drawn.
 
     To either side, in metres and radians; None if it is not stated.
 

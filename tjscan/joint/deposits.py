@@ -21,7 +21,7 @@ TACK_RAMP_LENGTH: Final = 5e-3
 DEPOSIT_SINK_DEPTH: Final = 1.5e-3
 """How deep weld metal dips into brace and leg, in metres: solids that only touch don't join."""
 
-_STATIONS, _FACE = 61, 12
+_TACK_STATIONS, _FACE_POINTS = 61, 12
 _LEAST_RISE_HEIGHT = 0.1e-3
 
 
@@ -33,9 +33,9 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
     span : ndarray, shape (2,)
         First and last azimuth, as `tack_spans` gives them.
     """
-    phi = np.linspace(span[0], span[1], _STATIONS)
+    phi = np.linspace(span[0], span[1], _TACK_STATIONS)
     s = JointGrooveSections(definition, phi)
-    along = np.linspace(0, tack.length, _STATIONS)
+    along = np.linspace(0, tack.length, _TACK_STATIONS)
     ramp = np.clip(np.minimum(along, tack.length - along) / TACK_RAMP_LENGTH, 0, 1)
     rise = np.maximum(tack.height * np.sqrt(ramp * (2 - ramp)), _LEAST_RISE_HEIGHT)
     on_bevel = s.p3 + rise[:, None] * s.bevel
@@ -43,7 +43,7 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
     on_leg = np.column_stack((rho, definition.leg_surface.height(phi, rho)))
     chord = on_bevel - on_leg
     outward = chord[:, ::-1] * (1, -1)
-    t = np.linspace(0, 1, _FACE)[:, None, None]
+    t = np.linspace(0, 1, _FACE_POINTS)[:, None, None]
     face = on_leg + t * chord + TACK_BOW_RATIO * 4 * t * (1 - t) * outward
     # Its ends go on into leg and bevel: corners that lie on a surface would leave slivers.
     face[0], face[-1] = 2 * face[0] - face[1], 2 * face[-1] - face[-2]

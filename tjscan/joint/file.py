@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, NoReturn, Self
 import numpy as np
 from pydantic import Field, Strict
 
-from tjscan.core.config import StrictFileModel, read_toml, validate_table
+from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.definition import (
     NO_IMPERFECTIONS,
@@ -104,7 +104,7 @@ def _check_tubes(d: JointDefinition) -> None:
     if not LEAST_BRACE_ANGLE <= d.angle <= MOST_BRACE_ANGLE:
         _raise_wrong_key(
             "brace.angle_deg",
-            f"{_to_deg(d.angle)} is out of range; the angle on the heel side lies between "
+            f"{_to_deg(d.angle)} is out of range; the angle on the heel side is between "
             f"{_to_deg(LEAST_BRACE_ANGLE)} and {_to_deg(MOST_BRACE_ANGLE)}",
         )
 
@@ -309,10 +309,8 @@ def read_joint(path: Path) -> JointDefinition:
         If the file can't be read, or such a joint can't be built.
     """
     file = validate_table(JointFile, read_toml(path), path)
-    try:
+    with add_file_to_errors(path):
         return file.definition(path.stem)
-    except ConfigurationError as error:
-        raise ConfigurationError(error.message, file=path, key=error.key) from None
 
 
 def _rounded(value: float) -> float:

@@ -19,9 +19,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Len
 
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
-
-IN_METRES: Final = FileUnit("m")
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, METRE_UNIT, MM, SettingsTable
 
 LEAST_ROOT_GAP: Final = -1e-6
 """Least root gap, in metres: below zero by no more than what rounding of the file leaves."""
@@ -41,7 +39,7 @@ class HullTack(SettingsTable):
         Over the groove's bottom, in metres.
     """
 
-    at: Annotated[float, Ge(0.0), Le(1000.0), IN_METRES]
+    at: Annotated[float, Ge(0.0), Le(1000.0), METRE_UNIT]
     length: Annotated[float, Ge(2.0), Le(500.0), MM] = 0.03
     height: Annotated[float, Gt(0.0), Le(40.0), MM] = 0.005
 
@@ -58,7 +56,7 @@ class WeldBead(SettingsTable):
     crown : float
         How far its middle rises over (or sags below) its toes, in metres.
     left, right : float
-        Where its toes lie, as shares of half the groove's width at its level; -1 to 1 reaches
+        Where its toes are, as shares of half the groove's width at its level; -1 to 1 reaches
         from bevel to bevel, more laps over the hull.
     """
 
@@ -93,7 +91,7 @@ class HullJoint(SettingsTable):
     length : float
         Along the joint, in metres.
     radius : float or None
-        Of the joint's line in the hull's surface, in metres, positive where it bends to the
+        Of the joint's line in the hull's surface, in metres, positive if it bends to the
         right of who goes along it; None if it is straight.
     tacks : tuple of HullTack
     beads : tuple of WeldBead
@@ -108,8 +106,8 @@ class HullJoint(SettingsTable):
     root_face: Annotated[float, Ge(0.0), Le(20.0), MM] = 0.0
     backing: bool = True
     high_low: Annotated[float, Ge(-10.0), Le(10.0), MM] = 0.0
-    length: Annotated[float, Gt(0.0), Le(1000.0), IN_METRES] = 2.0
-    radius: Annotated[float | None, IN_METRES] = None
+    length: Annotated[float, Gt(0.0), Le(1000.0), METRE_UNIT] = 2.0
+    radius: Annotated[float | None, METRE_UNIT] = None
     tacks: Annotated[tuple[HullTack, ...], Len(0, 1000), LIST_OR_WORD_IN_FILE] = ()
     beads: Annotated[tuple[WeldBead, ...], Len(0, 50), LIST_OR_WORD_IN_FILE] = ()
     ripple: Annotated[float, Ge(0.0), Le(2.0), MM] = 0.0
@@ -124,7 +122,7 @@ class HullJoint(SettingsTable):
                 "least that, or the angle smaller"
             )
         if self.radius is not None and not abs(self.radius) >= 1.0:
-            raise ValueError("radius_m is 1 or more, below zero where the joint bends to the left")
+            raise ValueError("radius_m is 1 or more, below zero if the joint bends to the left")
 
     @property
     def root_gap(self) -> float:
@@ -197,7 +195,7 @@ def laser_offset(joint: HullJoint, x: float, y: float, heading: float) -> tuple[
     -------
     along, offset : float
         Place on the joint, and the laser's centre minus the joint along the line, positive where
-        it stands to the right. Metres.
+        it is to the right. Metres.
     """
     along, right = place_beside_joint(joint, x, y)
     for _ in range(4):  # a line that runs at a small angle meets the joint a little farther on

@@ -12,15 +12,15 @@ from numpy.polynomial.legendre import legval2d, legvander
 from tjscan.core.frames import Array, array_dataclass
 from tjscan.laser.model import LaserModel, MeasuringRange
 
-HIGHEST_DEGREE: Final = 3
+LENS_MAX_DEGREE: Final = 3
 """Of the polynomials in x and z: a lens' distortion is of third order."""
 
 DISTORTION_TERM_DEGREES: Final = tuple(
-    (i, j) for i, j in product(range(HIGHEST_DEGREE + 1), repeat=2) if 0 < i + j <= HIGHEST_DEGREE
+    (i, j) for i, j in product(range(LENS_MAX_DEGREE + 1), repeat=2) if 0 < i + j <= LENS_MAX_DEGREE
 )
 """Degrees in x and z of the polynomials that a laser's deviation is made of."""
 
-COEFFICIENT_SIGMAS_BY_DEGREE: Final = (0.34, 0.19, 0.13)
+DISTORTION_SIGMAS_BY_DEGREE: Final = (0.34, 0.19, 0.13)
 """Standard deviations of the coefficients of first, second and third degree, of lasers whose
 largest deviation in the window is one (`tests/uncertainty/test_causes.py`)."""
 
@@ -74,9 +74,9 @@ class LaserDeviation:
         ndarray, shape (n, 2, m)
             Metres.
         """
-        by_x, by_z = np.moveaxis(legvander((xz - self.middle) / self.half, HIGHEST_DEGREE), 1, 0)
+        by_x, by_z = np.moveaxis(legvander((xz - self.middle) / self.half, LENS_MAX_DEGREE), 1, 0)
         each = [
-            COEFFICIENT_SIGMAS_BY_DEGREE[i + j - 1] * by_x[:, i] * by_z[:, j]
+            DISTORTION_SIGMAS_BY_DEGREE[i + j - 1] * by_x[:, i] * by_z[:, j]
             for i, j in DISTORTION_TERM_DEGREES
         ]
         terms = self.largest * np.stack(each, axis=1)
@@ -84,10 +84,10 @@ class LaserDeviation:
         return np.stack((np.hstack((terms, none)), np.hstack((none, terms))), axis=1)
 
 
-LASER_MAKE_STREAM: Final = 4
+DISTORTION_RANDOM_STREAM: Final = 4
 """Keeps the random numbers of a sensor's make apart from the numbers of its profiles."""
 
-WINDOW_PLACES_EACH_WAY: Final = 41
+DISTORTION_PLACES_EACH_WAY: Final = 41
 """Places across the window, each way, at which the largest error is looked for."""
 
 
@@ -123,19 +123,19 @@ class Distortion:
         """
         if model.linearity == 0:
             return None
-        rng = np.random.default_rng([make, LASER_MAKE_STREAM])
-        i = np.arange(HIGHEST_DEGREE + 1)
+        rng = np.random.default_rng([make, DISTORTION_RANDOM_STREAM])
+        i = np.arange(LENS_MAX_DEGREE + 1)
         degree = i[:, None] + i
-        is_term = (degree > 0) & (degree <= HIGHEST_DEGREE)
+        is_term = (degree > 0) & (degree <= LENS_MAX_DEGREE)
         weight = np.where(is_term, 1.0 / np.maximum(degree, 1), 0.0)
         width = (model.far - model.emitter_z) * np.tan(model.half_angle)
         field = cls(
-            weight * rng.standard_normal((2, HIGHEST_DEGREE + 1, HIGHEST_DEGREE + 1)),
+            weight * rng.standard_normal((2, LENS_MAX_DEGREE + 1, LENS_MAX_DEGREE + 1)),
             np.array((0.0, 0.5 * (model.near + model.far))),
             np.array((width, 0.5 * (model.far - model.near))),
         )
-        z = np.linspace(model.near, model.far, WINDOW_PLACES_EACH_WAY)
-        slopes = np.linspace(-1, 1, WINDOW_PLACES_EACH_WAY)[:, None]
+        z = np.linspace(model.near, model.far, DISTORTION_PLACES_EACH_WAY)
+        slopes = np.linspace(-1, 1, DISTORTION_PLACES_EACH_WAY)[:, None]
         x = slopes * (z - model.emitter_z) * np.tan(model.half_angle)
         errors = field._distortion_errors(x.ravel(), np.broadcast_to(z, x.shape).ravel())
         largest = np.abs(errors).max()

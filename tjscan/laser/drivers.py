@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from tjscan.laser.profile import Profile
     from tjscan.laser.replay import RecordedPoses
 
-LASER_NOISE_STREAM: Final = 1
+LASER_NOISE_RANDOM_STREAM: Final = 1
 """Keeps the random numbers of the laser apart from the arm's, which has the bare seed."""
 
 
@@ -109,7 +110,7 @@ def _make_simulated_laser(context: LaserDriverInputs, settings: NoSettings) -> L
         # The true pose of the laser, not the one that the arm reports.
         pose=lambda: T_j_b @ carrier.truth() @ T_f_s,
         model=context.model,
-        rng=np.random.default_rng([context.seed, LASER_NOISE_STREAM]),
+        rng=np.random.default_rng([context.seed, LASER_NOISE_RANDOM_STREAM]),
         clock=carrier.time,
         make=context.seed if context.model.linearity_seed is None else context.model.linearity_seed,
     )
@@ -132,23 +133,18 @@ def _make_gige_laser(
     return ScanControlLaser(settings, inputs.carrier.time)
 
 
-SIMULATED_DRIVER: Final = LaserDriverFactory(_make_simulated_laser, kind=DriverKind.SIMULATED)
-REPLAY_DRIVER: Final = LaserDriverFactory(_make_replayed_laser, kind=DriverKind.REPLAYED)
+_gige_driver: Final = partial(
+    LaserDriverFactory, _make_gige_laser, extra="genicam", client="viva_genicam"
+)
 
-GENICAM_DRIVER: Final = LaserDriverFactory(_make_gige_laser, GenicamSettings)
-SCANCONTROL_DRIVER: Final = LaserDriverFactory(_make_gige_laser, ScanControlSettings)
-
-LASER_DRIVERS: Final[DriverRegistry[LaserDriverFactory]] = DriverRegistry(
+LASER_DRIVERS: Final = DriverRegistry(
     "laser",
     {
-        "simulated": "tjscan.laser.drivers:SIMULATED_DRIVER",
-        "replay": "tjscan.laser.drivers:REPLAY_DRIVER",
-        "genicam": "tjscan.laser.drivers:GENICAM_DRIVER",
-        "scancontrol": "tjscan.laser.drivers:SCANCONTROL_DRIVER",
+        "simulated": LaserDriverFactory(_make_simulated_laser, kind=DriverKind.SIMULATED),
+        "replay": LaserDriverFactory(_make_replayed_laser, kind=DriverKind.REPLAYED),
+        "genicam": _gige_driver(GenicamSettings),
+        "scancontrol": _gige_driver(ScanControlSettings),
     },
-    extras={"genicam": "genicam", "scancontrol": "genicam"},
-    clients={"genicam": "viva_genicam", "scancontrol": "viva_genicam"},
     key="laser.driver",
-    type=DriverFactory,
 )
 """Every laser driver by name."""

@@ -88,7 +88,7 @@ def apply_faults(
     distance += _incidence_bias(cosine, model)
     distance -= _interreflection_pulls(hits, model)
     distance[flies], kind[flies] = flying[flies], PointOrigin.FLYER
-    kind[_columns_dropped(cosine, model, streams.dropout)] = PointOrigin.MISSING
+    kind[_columns_lost_to_grazing(cosine, model, streams.dropout)] = PointOrigin.MISSING
 
     ghosts = _columns_with_mirror_image(hits, model, streams.ghosts)
     distance[ghosts], kind[ghosts] = hits.ghost[ghosts], PointOrigin.GHOST
@@ -100,7 +100,7 @@ def apply_faults(
     distance[strays] += offsets
     kind[strays] = PointOrigin.STRAY
 
-    count = _whole_number_near(model.missing * model.columns, streams.missing)
+    count = draw_whole_number(model.missing * model.columns, streams.missing)
     everywhere = np.arange(model.columns)
     missing = choose_column_runs(streams.missing, everywhere, count, model.missing_run)
     kind[missing] = PointOrigin.MISSING
@@ -110,7 +110,7 @@ def apply_faults(
     z_s = model.emitter_z + distance * hits.directions_s[:, 2]
     if distortion is not None:
         x_s, z_s = distortion.distort(x_s, z_s)
-    x_s, z_s = _quantise(x_s, model.step), _quantise(z_s, model.step)
+    x_s, z_s = round_to_steps(x_s, model.step), round_to_steps(z_s, model.step)
     kind[~((z_s >= model.near) & (z_s <= model.far))] = PointOrigin.MISSING
     gone = kind == PointOrigin.MISSING
     x_s[gone], z_s[gone], intensity[gone] = np.nan, np.nan, 0.0
@@ -176,7 +176,7 @@ def _incidence_bias(cosine: Array, model: LaserModel) -> Array:
     return np.minimum(model.bias * tangent, model.bias_limit)
 
 
-def _columns_dropped(cosine: Array, model: LaserModel, rng: Generator) -> Mask:
+def _columns_lost_to_grazing(cosine: Array, model: LaserModel, rng: Generator) -> Mask:
     """Columns that lose their point to a grazing incidence."""
     ramp = (np.arccos(cosine) - model.dropout_start) / (model.dropout_end - model.dropout_start)
     return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))
@@ -190,7 +190,7 @@ def _columns_with_mirror_image(
         return np.empty(0, dtype=np.intp)
     possible = np.flatnonzero(np.isfinite(hits.ghost))
     wanted = model.ghosts * np.count_nonzero(hits.seen)
-    count = _whole_number_near(min(wanted, model.ghost_share * len(possible)), rng)
+    count = draw_whole_number(min(wanted, model.ghost_share * len(possible)), rng)
     return choose_column_runs(rng, possible, count, model.ghost_run)
 
 
@@ -218,7 +218,7 @@ def _stray_points(
 ) -> tuple[NDArray[np.intp], Array]:
     """Columns that stray, rising, and how far along their rays; one distance for each run."""
     possible = np.flatnonzero(hits.seen)
-    count = _whole_number_near(model.strays * len(possible), rng)
+    count = draw_whole_number(model.strays * len(possible), rng)
     strays = choose_column_runs(rng, possible, count, model.stray_run)
     run = np.cumsum(np.diff(strays, prepend=-2) > 1) - 1
     runs = int(run[-1]) + 1 if len(run) else 0
@@ -262,11 +262,11 @@ def _edges_between_columns(hits: LaserRayHits, model: LaserModel) -> Mask:
     return np.asarray(edge & hit[:-1] & hit[1:])
 
 
-def _quantise(values: Array, step: float) -> Array:
+def round_to_steps(values: Array, step: float) -> Array:
     """Values rounded to whole steps."""
     return np.asarray(np.round(values / step) * step) if step > 0 else values
 
 
-def _whole_number_near(expected: float, rng: Generator) -> int:
+def draw_whole_number(expected: float, rng: Generator) -> int:
     """Whole number whose mean is `expected`."""
     return int(expected + rng.random())

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Annotated, Any, Final, Self
 
 from annotated_types import Ge, Le
 
-from tjscan.core.errors import ConfigurationError
 from tjscan.core.units import MM, NOT_IN_FILE, POINTS, SettingsTable
 
 STANDARD_Z_RANGE: Final = (0.190, 0.290)
@@ -21,19 +19,6 @@ EXTENDED_Z_RANGE: Final = (0.125, 0.390)
 # The trapezoid is 83 mm wide at z = 190 mm and 121 mm at z = 290 mm; its sides meet at the emitter.
 _WINDOW_SLOPE: Final = 0.5 * (0.121 - 0.083) / (0.290 - 0.190)
 _WINDOW_APEX_Z: Final = 0.190 - 0.5 * 0.083 / _WINDOW_SLOPE
-
-_PROBABILITY_FIELDS: Final = ("dropout", "missing", "ghosts", "flyers", "strays")
-_FRACTION_FIELDS: Final = (*_PROBABILITY_FIELDS, "ghost_share", "ghost_intensity")
-_NON_NEGATIVE_FIELDS: Final = (
-    "noise",
-    "noise_correlation",
-    "bias",
-    "bias_limit",
-    "linearity",
-    "flyer_overshoot",
-    "interreflection",
-    "step",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +88,7 @@ class LaserModel(SettingsTable):
         x, from scale, tilt and lens, the same in every profile, see `tjscan.laser.deviation`.
         Data sheets of the class state 0.1 to 0.2 % of the range.
     linearity_seed : int, optional
-        Which sensor of its kind it is; the simulation's seed where left out.
+        Which sensor of its kind it is; the simulation's seed if left out.
     dropout : float
         Probability that a column loses its point at `dropout_end` and beyond.
     dropout_start, dropout_end : float
@@ -114,7 +99,7 @@ class LaserModel(SettingsTable):
         Shortest and longest run of such columns.
     ghosts : float
         Fraction of the points that are ghosts: seen in the mirror of a ground face instead of
-        directly. 0 to 0.15 is realistic. Where no face mirrors another there are none.
+        directly. 0 to 0.15 is realistic. If no face mirrors another there are none.
     ghost_share : float
         At most this share of the columns that could show a ghost do: no face turns into a
         mirror altogether. It outweighs `ghosts` where few columns could.
@@ -150,11 +135,6 @@ class LaserModel(SettingsTable):
         Raw coordinates are whole multiples of this; zero for no quantisation.
     occlusion : bool
         Whether what the detector does not see is lost; without, it sits on the emitter.
-
-    Raises
-    ------
-    ConfigurationError
-        If a value can't be; its `key` names the field.
     """
 
     columns: Annotated[int, NOT_IN_FILE] = 640
@@ -192,16 +172,6 @@ class LaserModel(SettingsTable):
     step: Annotated[float, Ge(0), Le(1), MM.with_key("resolution_mm")] = 5e-6
     occlusion: bool = True
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name) or 0.0
-            if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
-                raise ConfigurationError("must be finite", key=field.name)
-        for names, is_valid, message in _FIELD_CHECKS:
-            for name in names:
-                if not is_valid(self, getattr(self, name)):
-                    raise ConfigurationError(message, key=name)
-
     @property
     def measuring_range(self) -> MeasuringRange:
         """The window in which it measures."""
@@ -210,29 +180,6 @@ class LaserModel(SettingsTable):
     @classmethod
     def without_faults(cls, **changes: Any) -> Self:
         """Model without faults: all effects off except those given in `changes`."""
-        faults = ("noise", "bias", "interreflection", *_PROBABILITY_FIELDS, "step")
-        return cls(**{**dict.fromkeys(faults, 0.0), **changes})
-
-
-_FIELD_CHECKS: Final[tuple[tuple[Sequence[str], Callable[[LaserModel, Any], bool], str], ...]] = (
-    (("columns",), lambda _, v: 80 <= v <= 640 and v % 80 == 0, "must be 80 to 640 in steps of 80"),
-    (("near",), lambda model, v: 0 < v < model.far, "must be positive and smaller than far"),
-    (("emitter_z", "detector_z"), lambda model, v: v < model.near, "must be before the range"),
-    (("half_angle",), lambda _, v: 0 < v < math.pi / 2, "must be between 0 and 90°"),
-    (_FRACTION_FIELDS, lambda _, v: 0 <= v <= 1, "is a fraction, from 0 to 1"),
-    (_NON_NEGATIVE_FIELDS, lambda _, v: v >= 0, "can't be negative; 0 switches it off"),
-    (
-        ("dropout_end",),
-        lambda model, v: 0 <= model.dropout_start < v <= math.pi / 2,
-        "must be above dropout_start and not above 90°",
-    ),
-    (("flyer_crease", "notch"), lambda _, v: 0 < v < math.pi, "must be between 0 and 180°"),
-    (("flyer_jump", "interreflection_reach"), lambda _, v: v > 0, "must be positive"),
-    (("stray_offset",), lambda _, v: 0 <= v[0] <= v[1], "is the least and the largest distance"),
-    (
-        ("missing_run", "ghost_run", "stray_run"),
-        lambda _, v: 1 <= v[0] <= v[1],
-        "is the shortest and the longest run, from 1",
-    ),
-)
-"""Fields, what a value v of theirs must fulfil, and the words that refuse one which does not."""
+        amplitudes = ("noise", "bias", "interreflection", "step")
+        probabilities = ("dropout", "missing", "ghosts", "flyers", "strays")
+        return cls(**{**dict.fromkeys((*amplitudes, *probabilities), 0.0), **changes})

@@ -213,12 +213,12 @@ def trace_laser_rays(
         detector = transform_points(T_j_s, (0.0, model.detector_y, model.detector_z))
         seen[index] = ~surface.is_hidden_from(points, hits.normals[index], detector)
     if model.ghosts > 0 and index.size:
-        ghost[index] = _mirror_distances(surface, points, rays[index], hits, index)
+        ghost[index] = _mirror_image_distances(surface, points, rays[index], hits, index)
         ghost[~(seen & _is_in_range(ghost, directions_s, model))] = np.nan
     return LaserRayHits(directions_s, distance, hits.normals @ R, seen, ghost)
 
 
-def _mirror_distances(
+def _mirror_image_distances(
     surface: RaycastSurface, points: Array, rays: Array, hits: FirstHits, index: NDArray[np.intp]
 ) -> Array:
     """Distances at which faces show the image of what their mirrored rays hit; NaN for nothing.
@@ -271,10 +271,7 @@ class SimulatedLaser(LocalDevice):
         of its kind it is.
     """
 
-    not_connected = (
-        LaserFault,
-        "the simulated laser is not connected: capture inside a `with` block",
-    )
+    not_connected = (LaserFault, "the laser is not connected: capture inside a `with` block")
 
     def __init__(
         self,

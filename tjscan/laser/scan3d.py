@@ -17,7 +17,7 @@ from tjscan.core.errors import ProfileFormatRefused
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 
-MAX_ROW_POINTS: Final = 65_536
+MOST_POINTS_IN_ROW: Final = 65_536
 """Longer rows are refused: no line laser has as many columns."""
 
 
@@ -154,9 +154,9 @@ def profile_of_row(
             "Set laser.genicam.pixel_format to one that it has"
         )
     count, rest = divmod(len(raw), layout.point_size)
-    if rest or not 0 < count <= MAX_ROW_POINTS:
+    if rest or not 0 < count <= MOST_POINTS_IN_ROW:
         raise ProfileFormatRefused(
-            f"{len(raw)} bytes are no row of 1 to {MAX_ROW_POINTS} points in {pixel_format} "
+            f"{len(raw)} bytes are no row of 1 to {MOST_POINTS_IN_ROW} points in {pixel_format} "
             f"({layout.point_size} bytes each)"
         )
     with np.errstate(invalid="ignore"):  # a signalling NaN is one like others

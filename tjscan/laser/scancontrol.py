@@ -30,11 +30,11 @@ CYCLES_PER_SECOND, OFFSETS_PER_CYCLE = 8000, 3072
 RAW_COORDINATE_OF_ZERO: Final = 32_768
 """Raw number of the coordinate 0, or of the offset."""
 
-MAX_RAW: Final = 65_535
+MAX_RAW_VALUE: Final = 65_535
 
 Field = Literal["z", "x", "threshold", "intensity", "width", "moment0", "moment1"]
 
-FIELD_WORDS: Final = dict.fromkeys(get_args(Field), 1) | {"moment0": 2, "moment1": 2}
+CONTAINER_FIELD_WORDS: Final = dict.fromkeys(get_args(Field), 1) | {"moment0": 2, "moment1": 2}
 """Fields of a container in their order, and how many numbers of 16 bits each takes for a point."""
 
 
@@ -54,7 +54,7 @@ class ScanControlScale:
     offset: float
 
 
-MODEL_SCALES: Final = {
+SCANCONTROL_SCALES: Final = {
     "2600-10": ScanControlScale(0.5e-6, 0.055),
     "2600-25": ScanControlScale(1e-6, 0.065),
     "2600-50": ScanControlScale(2e-6, 0.095),
@@ -78,11 +78,11 @@ def _check_time_stamp(raw: bytes) -> None:
             )
 
 
-def profile_bytes(settings: ScanControlSettings) -> int:
+def scancontrol_profile_size(settings: ScanControlSettings) -> int:
     """Bytes of one profile."""
     if settings.layout == "full":
         return settings.points * REFLECTION_COUNT * BYTES_OF_REFLECTION
-    words = sum(FIELD_WORDS[name] for name in settings.fields)
+    words = sum(CONTAINER_FIELD_WORDS[name] for name in settings.fields)
     return 2 * settings.points * (words + settings.time_stamp)
 
 
@@ -116,7 +116,7 @@ def parse_scancontrol(
     ProfileFormatRefused
         If the payload is not of that layout, or its time stamp counts further than the clock.
     """
-    size = profile_bytes(settings)
+    size = scancontrol_profile_size(settings)
     if not raw or len(raw) % size:
         raise ProfileFormatRefused(
             f"{len(raw)} bytes are no {settings.layout} profile of {settings.points} points "
@@ -131,7 +131,7 @@ def parse_scancontrol(
     if settings.layout == "full" and settings.reflection == REFLECTION_COUNT:
         missing[-1] = True  # the time stamp is there
     x, z = (
-        scale.scale * ((MAX_RAW - values if flip else values) - RAW_COORDINATE_OF_ZERO)
+        scale.scale * ((MAX_RAW_VALUE - values if flip else values) - RAW_COORDINATE_OF_ZERO)
         for values, flip in ((raw_x, settings.flip_x), (raw_z, settings.flip_z))
     )
     x[missing] = z[missing] = np.nan
@@ -151,5 +151,5 @@ def _coordinates_of_container(row: bytes, settings: ScanControlSettings) -> tupl
     found, begin = {}, 0
     for name in settings.fields:
         found[name] = words[begin : begin + settings.points]
-        begin += FIELD_WORDS[name] * settings.points
+        begin += CONTAINER_FIELD_WORDS[name] * settings.points
     return found["x"], found["z"]

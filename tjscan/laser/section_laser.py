@@ -18,7 +18,7 @@ from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, MM, NOT_IN_FILE, POINTS, SettingsTable
-from tjscan.laser.faults import choose_column_runs
+from tjscan.laser.faults import choose_column_runs, draw_whole_number, round_to_steps
 from tjscan.laser.profile import Profile
 
 LASER_STAND_OFF: Final = 0.149
@@ -161,12 +161,11 @@ def simulate_section_profile(
         (model.arc, model.arc_run, model.arc_reach),
         (model.missing, model.missing_run, np.nan),
     ):
-        count = int(share * model.columns + rng.random())
+        count = draw_whole_number(share * model.columns, rng)
         hit = choose_column_runs(rng, everywhere, count, run)
         z[hit] += reach * rng.uniform(-1.0, 1.0, len(hit))
     x = z * model.ray_slopes
-    if model.step > 0:
-        x, z = np.round(x / model.step) * model.step, np.round(z / model.step) * model.step
+    x, z = round_to_steps(x, model.step), round_to_steps(z, model.step)
     gone = ~((z >= model.near) & (z <= model.far))
     x[gone] = z[gone] = np.nan
     return Profile(x, z, time=time)
@@ -187,10 +186,7 @@ class SimulatedSectionLaser(LocalDevice):
         Source of all randomness.
     """
 
-    not_connected = (
-        LaserFault,
-        "the simulated laser is not connected: capture inside a `with` block",
-    )
+    not_connected = (LaserFault, "the laser is not connected: capture inside a `with` block")
 
     def __init__(
         self,

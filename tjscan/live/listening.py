@@ -9,8 +9,7 @@ from threading import Event, Thread
 from typing import Any, Final
 
 from tjscan.core.errors import PageUnavailable
-from tjscan.live.buttons import Button
-from tjscan.live.page import Page, PageAddress
+from tjscan.live.page import Button, Page, PageAddress
 from tjscan.live.step import STATE_FACT, Show, Step, merge_steps
 
 Report = Callable[[str], object]
@@ -18,7 +17,7 @@ Report = Callable[[str], object]
 
 FEED_CAPACITY: Final = 512
 """Entries that wait for the page; what comes while it is full is not shown."""
-DRAW_INTERVAL: Final = 0.05
+PAGE_DRAW_INTERVAL: Final = 0.05
 """Seconds between two looks: the page changes 20 times a second at most."""
 CLOSING_TIMEOUT: Final = 2.0
 """Seconds that the end of a run leaves the page to show what is waiting."""
@@ -43,7 +42,7 @@ class LiveFeed:
         self._thread = Thread(target=self._show_entries, name="live page", daemon=True)
         self._thread.start()
 
-    def post(self, entry: object) -> None:
+    def post_entry(self, entry: object) -> None:
         """Hand an entry over at once; drop it if the page is dead or does not keep up."""
         if self.is_dead:
             return
@@ -61,7 +60,7 @@ class LiveFeed:
 
     def _show_entries(self) -> None:
         while True:
-            over = self._over.wait(DRAW_INTERVAL)
+            over = self._over.wait(PAGE_DRAW_INTERVAL)
             entries = [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
             try:
                 if entries:
@@ -94,7 +93,7 @@ class RunOnPage:
     def record(self, message: object) -> None:
         """Show a message of the run's journal, or a step; never waits."""
         if self._feed is not None:
-            self._feed.post(message)
+            self._feed.post_entry(message)
 
     def show_state(self, state: str) -> None:
         """Show what the run is doing, in a few words."""
@@ -134,8 +133,10 @@ class RunOnPage:
 
     def _draw_entries(self, entries: Sequence[object]) -> None:
         if self.page is not None:
-            steps = [one if isinstance(one, Step) else self._show.step(one) for one in entries]
-            self.page.show(merge_steps(steps))
+            steps = [
+                one if isinstance(one, Step) else self._show.step_of_entry(one) for one in entries
+            ]
+            self.page.show_step(merge_steps(steps))
 
 
 @contextmanager

@@ -1,29 +1,81 @@
-"""The page: a server, and for each run shown a picture and a panel."""
+"""The page: a server, buttons, and for each run a picture and a panel; and a recording on it."""
 
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from threading import RLock
-from typing import Any, Final, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from threading import Lock, RLock
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 import viser
 
 from tjscan.core.frames import Array
 from tjscan.live.access import LOOPBACK_ADDRESS, close_server, open_server
-from tjscan.live.buttons import HELD_BUTTON_RATE, Button
 from tjscan.live.colours import ColourScale, viridis_colours
-from tjscan.live.drawables import MeasuredPiece
+from tjscan.live.drawables import ArmPosture, Drawable, MeasuredPiece
 from tjscan.live.panel import Panel
 from tjscan.live.stage import Stage
-from tjscan.live.step import Measure, SceneSetup, Step
+from tjscan.live.step import Measure, RecordedShow, SceneSetup, Step, merge_steps
 
 FIELD_OF_VIEW: Final = 0.75
 """Radians, of the picture's height."""
 RUN_SPACING: Final = 1.6
 """Distance of runs side by side, as a multiple of the distance that they are seen from."""
+
+
+HELD_BUTTON_RATE: Final = 20.0
+"""Hz at which a button that is held repeats it."""
+
+Act = Callable[[], object]
+"""What a button does."""
+
+Tone = Literal["green", "yellow", "blue", "red", "gray"]
+
+
+@dataclass(frozen=True, slots=True)
+class Button:
+    """A button of the page.
+
+    Parameters
+    ----------
+    word : str
+        On it.
+    press : callable
+        What it does; called in a thread of the page. Of a button that is held it is called
+        `HELD_BUTTON_RATE` times a second until the button is released, or the browser or its
+        link is gone.
+    tone : str
+        Its colour.
+    hint : str
+        What it does, in a sentence.
+    big : bool
+        Whether it must be seen at once.
+    held : bool
+        Whether it acts as long as it is held.
+    """
+
+    word: str
+    press: Act
+    tone: Tone = "blue"
+    hint: str = ""
+    big: bool = False
+    held: bool = False
+
+
+def stop_button(interrupt: Act, what: str) -> Sequence[Button]:
+    """The button of all vehicles.
+
+    Parameters
+    ----------
+    interrupt : callable
+        Does what Ctrl-C does.
+    what : str
+        Is stopped.
+    """
+    return [Button("STOP", interrupt, "red", f"As Ctrl-C: stop {what} at once", big=True)]
+
 
 BUTTONS_ORDER: Final = -300.0
 """Of the first button: above all that grows, so that none moves away from who presses it."""
@@ -58,13 +110,13 @@ class RunView:
         self.panel = Panel(server, setting)
         self._values: list[Mapping[str, float]] = []
 
-    def show(self, step: Step, measure: Measure | None) -> None:
+    def show_step(self, step: Step, measure: Measure | None) -> None:
         """Show what a step changes; colours span all values of the measure that ever came."""
         pieces = (one for one in step.drawn.values() if isinstance(one, MeasuredPiece))
         self._values += [piece.values for piece in pieces]
         scale = self.colour_by(measure)
-        self.stage.draw(step.drawn)
-        self.panel.update(step, measure, scale)
+        self.stage.draw_things(step.drawn)
+        self.panel.show_step(step, measure, scale)
 
     def colour_by(self, measure: Measure | None) -> ColourScale | None:
         """Colour the picture by a measure; gives the scale, which holds all its values so far.
@@ -106,7 +158,9 @@ class Page:
         try:
             with self.server.atomic():
                 self._prepare_scene(settings)
-                self._add_choice_of_measure()
+                if len(self._measures) > 1:
+                    choice = self.server.gui.add_dropdown("Colour and plot", list(self._measures))
+                    choice.on_update(lambda _: self.choose_measure(choice.value))
                 self.views = self._add_views(settings)
         except BaseException:
             close_server(self.server)
@@ -118,12 +172,12 @@ class Page:
     def __exit__(self, *error: object) -> None:
         close_server(self.server)
 
-    def show(self, step: Step, run: int = 0) -> None:
+    def show_step(self, step: Step, run: int = 0) -> None:
         """Show what a step changes in one of the runs."""
         with self._changing, self.server.atomic():
-            self.views[run].show(step, self._measure)
+            self.views[run].show_step(step, self._measure)
 
-    def enable(self, words: Mapping[str, bool]) -> None:
+    def enable_buttons(self, words: Mapping[str, bool]) -> None:
         """Let buttons be pressed, or not, by their words."""
         with self._changing:
             for word, enabled in words.items():
@@ -162,7 +216,7 @@ class Page:
             return
         with self._changing, self.server.atomic():
             for view in self.views:
-                view.panel.plot(self._measure, view.colour_by(self._measure))
+                view.panel.plot_measure(self._measure, view.colour_by(self._measure))
 
     def _prepare_scene(self, settings: Sequence[SceneSetup]) -> None:
         """Theme, lights that a machine without a graphics card can draw, and the camera."""
@@ -185,11 +239,6 @@ class Page:
         server.initial_camera.fov, server.initial_camera.look_at = FIELD_OF_VIEW, look_at
         server.initial_camera.position = look_at + away * (1 + 0.8 * (len(settings) - 1))
 
-    def _add_choice_of_measure(self) -> None:
-        if len(self._measures) > 1:
-            choice = self.server.gui.add_dropdown("Colour and plot", list(self._measures))
-            choice.on_update(lambda _: self.choose_measure(choice.value))
-
     def _add_views(self, settings: Sequence[SceneSetup]) -> list[RunView]:
         shifts = _positions_side_by_side(settings)
         if len(settings) == 1:
@@ -210,3 +259,61 @@ def _positions_side_by_side(settings: Sequence[SceneSetup]) -> Array:
     spacing = RUN_SPACING * float(np.linalg.norm(away))
     step = spacing * aside / max(float(np.linalg.norm(aside)), 1e-9)
     return np.outer(np.arange(len(settings)), 0.5 * step)
+
+
+class Replay:
+    """Recordings on a page, each as far as one slider shows.
+
+    Parameters
+    ----------
+    shows : sequence of RecordedShow
+        Side by side. They begin together; the slider goes as far as the longest.
+    where : PageAddress, optional
+
+    Raises
+    ------
+    PageUnavailable
+        If the page can't be served.
+    """
+
+    def __init__(self, shows: Sequence[RecordedShow], where: PageAddress | None = None) -> None:
+        self._shows, self._moving = shows, Lock()
+        self.page = Page([show.setting for show in shows], where)
+        last = max(len(show.steps) for show in shows) - 1
+        # Every piece that was ever drawn of each run, hidden or not.
+        self._drawn: list[dict[str, Drawable]] = [{} for _ in shows]
+        gui = self.page.server.gui
+        self._slider = gui.add_slider("Step", 0, max(last, 1), 1, last, order=0)
+        self._shown = -1
+        self._slider.on_update(lambda _: self.move_to_step())
+        self.move_to_step(last)
+
+    def move_to_step(self, number: int | None = None) -> None:
+        """Show all runs as they were after a step, by its number; by default the slider's.
+
+        A drag of the slider sends more places than can be shown.
+        """
+        with self._moving:
+            number = self._slider.value if number is None else number
+            if number == self._shown:
+                return
+            self._shown = number
+            with self.page.server.atomic():
+                for k, show in enumerate(self._shows):
+                    self._move_run_to_step(k, show, min(number, len(show.steps) - 1))
+                self.page.recolour()
+
+    def _move_run_to_step(self, k: int, show: RecordedShow, number: int) -> None:
+        """Draw what differs: all that came until then counts, and what came later is hidden."""
+        view, drawn = self.page.views[k], self._drawn[k]
+        whole = merge_steps([Step(), *show.steps[: number + 1]])
+        changed = {
+            name: thing
+            for name, thing in whole.drawn.items()
+            if drawn.get(name) is not thing or isinstance(thing, ArmPosture)
+        }
+        view.panel.forget_steps()
+        facts = {"step": f"{number + 1} of {len(show.steps)}: {whole.label}", **whole.facts}
+        self.page.show_step(replace(whole, drawn=changed, facts=facts), k)
+        drawn.update(changed)
+        view.stage.show_only(whole.drawn)

@@ -30,17 +30,17 @@ MOST_PLOTTED_SAMPLES: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
 MOST_PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
-EMPTY_FACTS: Final = {STATE_FACT: "", BUTTONS_FACT_NAME: ""}
+INITIAL_FACTS: Final = {STATE_FACT: "", BUTTONS_FACT_NAME: ""}
 """Before any is known; these two come first."""
 CHART_HEIGHT: Final = 200
 CHART_PADDING: Final = (8, 24, 0, 0)
 """Pixels above, to the right, below and to the left: half a number is above the axis."""
 PROFILE_AXES: Final = ("x / mm", "z / mm")
 LABEL_FONT: Final = "11px system-ui, sans-serif"
-LINE_COLOUR: Final = "#2a6fbb"
-BAND_COLOUR: Final = "rgba(42,111,187,0.35)"
+VALUE_COLOUR: Final = "#2a6fbb"
+SIGMA_COLOUR: Final = "rgba(42,111,187,0.35)"
 FIT_COLOUR: Final = "#d0452f"
-LARGE_CHART_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": LINE_COLOUR}
+LARGE_CHART_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": VALUE_COLOUR}
 SMALL_CHART_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 3}
 
 HTML_MACROS: Final = (
@@ -64,33 +64,33 @@ class Panel:
 
     def __init__(self, server: viser.ViserServer, setting: SceneSetup) -> None:
         gui, self._setting = server.gui, setting
-        self._facts = dict(EMPTY_FACTS)
+        self._facts = dict(INITIAL_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
-        self.state = gui.add_html(_render("facts", {}), order=STATE_PANEL_ORDER)
+        self.state = gui.add_html(_fill_macro("facts", {}), order=STATE_PANEL_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
         self._plot = _add_chart(
             gui,
             setting.plot_axis,
             "",
-            uplot.Series(label="value", stroke=LINE_COLOUR, width=0, points=LARGE_CHART_POINTS),
-            uplot.Series(label="+ sigma", stroke=BAND_COLOUR, width=0, points=SMALL_CHART_POINTS),
-            uplot.Series(label="- sigma", stroke=BAND_COLOUR, width=0, points=SMALL_CHART_POINTS),
+            uplot.Series(label="value", stroke=VALUE_COLOUR, width=0, points=LARGE_CHART_POINTS),
+            uplot.Series(label="+ sigma", stroke=SIGMA_COLOUR, width=0, points=SMALL_CHART_POINTS),
+            uplot.Series(label="- sigma", stroke=SIGMA_COLOUR, width=0, points=SMALL_CHART_POINTS),
         )
         self._profile = _add_chart(
             gui,
             *PROFILE_AXES,
-            uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_CHART_POINTS),
+            uplot.Series(label="profile", stroke=VALUE_COLOUR, width=0, points=SMALL_CHART_POINTS),
             uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
         )
         self._table = gui.add_html("", visible=False)
         self.diagram = gui.add_html("", visible=False)
         self._drawn_diagram: StateDiagram | None = None
         with gui.add_folder("Events", expand_by_default=True):
-            self._log = gui.add_html(_render("events", ()))
+            self._log = gui.add_html(_fill_macro("events", ()))
 
-    def update(self, step: Step, measure: Measure | None, scale: ColourScale | None) -> None:
+    def show_step(self, step: Step, measure: Measure | None, scale: ColourScale | None) -> None:
         """Show what a step changes.
 
         Parameters
@@ -103,35 +103,35 @@ class Panel:
         """
         if step.facts:
             self._facts.update(step.facts)
-            self.state.content = _render("facts", self._facts)
+            self.state.content = _fill_macro("facts", self._facts)
         if step.progress is not None:
             self._progress.visible, self._progress.value = True, 100 * step.progress
         if step.events:
             self.events.extend(step.events)
-            self._log.content = _render("events", self.events[-MOST_SHOWN_EVENTS:])
+            self._log.content = _fill_macro("events", self.events[-MOST_SHOWN_EVENTS:])
         if step.table is not None:
-            self._table.visible, self._table.content = True, _render("table", step.table)
+            self._table.visible, self._table.content = True, _fill_macro("table", step.table)
         if step.diagram is not None and step.diagram != self._drawn_diagram:
             self._drawn_diagram, self.diagram.visible = step.diagram, True
-            self.diagram.content = _render("diagram", step.diagram)
+            self.diagram.content = _fill_macro("diagram", step.diagram)
         if step.profile is not None:
             x, *others = columns = profile_columns(step.profile)
             ends = round_scale_ends(np.concatenate(others))
             _redraw_chart(self._profile, columns, x_ends=round_scale_ends(x), y={"range": ends})
         if step.samples and measure is not None:
             self.samples.extend(step.samples)
-            self.plot(measure, scale)
+            self.plot_measure(measure, scale)
 
-    def forget(self) -> None:
+    def forget_steps(self) -> None:
         """Forget all that was shown: other steps come next."""
         self.samples, self.events = [], []
-        self._facts = dict(EMPTY_FACTS)
+        self._facts = dict(INITIAL_FACTS)
         self._progress.value = 0.0
         self._table.visible = self.diagram.visible = False
         self._drawn_diagram = None
-        self._log.content = _render("events", ())
+        self._log.content = _fill_macro("events", ())
 
-    def plot(self, measure: Measure, scale: ColourScale | None) -> None:
+    def plot_measure(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
         columns = plot_columns(self.samples, measure.name)
         x_ends = self._setting.plot_range or round_scale_ends(columns[0])
@@ -143,10 +143,10 @@ class Panel:
         if self._plot.axes != axes:
             self._plot.axes = axes
         self._legend.visible = scale is not None
-        self._legend.content = "" if scale is None else _render("legend", measure.title, scale)
+        self._legend.content = "" if scale is None else _fill_macro("legend", measure.title, scale)
 
 
-def _render(macro: str, *values: object) -> str:
+def _fill_macro(macro: str, *values: object) -> str:
     return str(getattr(HTML_MACROS, macro)(*values))
 
 

@@ -14,7 +14,7 @@ from tjscan.live.colours import ARM_COLOUR, SOLID_COLOUR, TOOL_COLOUR, Colour, C
 from tjscan.live.drawables import ArmPosture, BodyPose, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.step import SceneSetup
 from tjscan.robot.settings import Solid
-from tjscan.robot.visuals import link_bodies, solid_mesh
+from tjscan.robot.visuals import link_meshes, solid_mesh
 
 POINT_SIZE: Final = 0.0016
 """Metres across a drawn point."""
@@ -55,7 +55,7 @@ class Stage:
         for k, thing in enumerate(setting.ghost):
             self._draw_thing(f"ghost/{k}", thing)
 
-    def draw(self, things: Mapping[str, Drawable]) -> None:
+    def draw_things(self, things: Mapping[str, Drawable]) -> None:
         """Draw things by their names; what had a name before is replaced."""
         for name, thing in things.items():
             self._draw_thing(name, thing)
@@ -104,7 +104,7 @@ class Stage:
         flange = setting.arm.link_names[-1]
         for name in setting.arm.link_names:
             self._add_hidden_frame(f"arm/{name}")
-        for body in link_bodies(setting.arm.urdf):
+        for body in link_meshes(setting.arm.urdf):
             path = f"{self._root}/arm/{body.link}/body"
             self._draw_mesh(path, body.vertices, body.triangles, ARM_COLOUR)
         self._draw_solids(f"arm/{flange}/tool", setting.tool, TOOL_COLOUR)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.planning.bead import PlannedBead
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 
 
@@ -64,23 +64,16 @@ def crawl_passes_of_plan(plan: WeldPlan) -> tuple[CrawlPass, ...]:
         )
     if sequence.reverse or sequence.ends != "square":
         key = "sequence.reverse" if sequence.reverse else "sequence.ends"
-        raise ConfigurationError(
-            "a crawler welds every pass from the start of the weld to its end", key=key
-        )
+        reason = "a crawler welds every pass from the start of the weld to its end"
+        raise ConfigurationError(reason, key=key)
     found = []
     for bead in plan.beads:
         sides = bead.points[:, 1:] * (1, -1)
         middle = np.trapezoid(sides, bead.s, axis=0) / (bead.s[-1] - bead.s[0])
         area = bead.volume / bead.length
         rate = float(plan.wps.deposition_rate(np.array(bead.feed)))
-        found.append(
-            CrawlPass(
-                bead,
-                rate / area,
-                float(middle[0]),
-                float(middle[1]),
-                strays=float(np.linalg.norm(sides - middle, axis=1).max()),
-                misfills=float(np.abs(area / bead.area - 1).max()),
-            )
-        )
+        offset, height = middle.tolist()
+        strays = float(np.linalg.norm(sides - middle, axis=1).max())
+        misfills = float(np.abs(area / bead.area - 1).max())
+        found.append(CrawlPass(bead, rate / area, offset, height, strays, misfills))
     return tuple(found)

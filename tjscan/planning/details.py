@@ -56,7 +56,7 @@ def find_stretches_off_details(
 ) -> tuple[DetailStretch, ...]:
     """Compare every section with the details whose dihedral angles hold its own.
 
-    Where several do, the one with the fewest measures out of their windows is reported. This states
+    If several do, the one with the fewest measures out of their windows is reported. This states
     what was measured beside the user's table, and no more.
 
     Parameters
@@ -77,13 +77,9 @@ def find_stretches_off_details(
     for (names, keys), group in groupby(found, key=lambda one: (one[3], tuple(one[4]))):
         places, angles, sigmas, _, excess = zip(*group, strict=True)
         out = tuple(_excess_text(key, [one[key] for one in excess]) for key in keys)
+        out = out if names else (NO_DETAIL_TEXT,)
         span = min(angles), max(angles)
-        stretches.append(
-            DetailStretch(
-                *(places[0], places[-1], span, max(sigmas), names),
-                out_of_table=out if names else (NO_DETAIL_TEXT,),
-            )
-        )
+        stretches.append(DetailStretch(places[0], places[-1], span, max(sigmas), names, out))
     return tuple(stretches)
 
 

@@ -19,8 +19,8 @@ from tjscan.core.frames import Array
 from tjscan.core.pose_vector import rotation_to_vector
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import DEG, MM, MM2, FileUnit
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.details import DetailStretch
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN
 
@@ -274,8 +274,8 @@ def plan_document(
         gas_l=_file_value("gas_l", plan.gas_volume),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
-            _fill_entry(ZoneEntry, zone, beads_in_layers=zone.arrangement.counts)
-            for zone in plan.zones
+            _fill_entry(ZoneEntry, one, beads_in_layers=one.arrangement.counts)
+            for one in plan.zones
         ),
         beads=tuple(
             _fill_entry(BeadEntry, bead, positions=tuple(sorted(set(bead.positions))))
@@ -396,14 +396,11 @@ def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
         parts: dict[tuple[str, str], list[dict[str, str]]] = {}
         for row in csv.DictReader(lines, strict=True):
             parts.setdefault((row["bead"], row["part"]), []).append(row)
-        return tuple(
-            BeadCourse(
-                int(number),
-                np.array([float(row["s_mm"]) for row in rows]),
-                tuple(row["position"] for row in rows),
-            )
-            for (number, _), rows in parts.items()
-        )
+        found = []
+        for (number, _), rows in parts.items():
+            s = np.array([float(row["s_mm"]) for row in rows])
+            found.append(BeadCourse(int(number), s, tuple(row["position"] for row in rows)))
+        return tuple(found)
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
     except (KeyError, TypeError, ValueError, csv.Error) as error:

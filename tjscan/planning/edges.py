@@ -25,7 +25,7 @@ LEAST_CORNER_SIGMA: Final = 1e-6
 AREA_MATCHING_ROUNDS: Final = 8
 """Rounds in which the line between the toes of a weld is moved to where the area agrees."""
 
-CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
+EDGE_CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
 
 RootKind = Literal["closed", "open", "welded"]
 """Closed by a bead or by the faces themselves, open, or under passes that are welded."""
@@ -126,11 +126,11 @@ class GrooveEdges:
 
     def corners(self, s: Array) -> Array:
         """p3, p4, g and p2 at lengths (m,), shape (m, 4, 3), metres."""
-        return self._together.values(s).reshape(-1, len(CORNER_NAMES), 3)
+        return self._together.values(s).reshape(-1, len(EDGE_CORNER_NAMES), 3)
 
     def derivatives(self, s: Array) -> Array:
         """Their derivatives by s, shape (m, 4, 3)."""
-        return self._together.derivatives(s).reshape(-1, len(CORNER_NAMES), 3)
+        return self._together.derivatives(s).reshape(-1, len(EDGE_CORNER_NAMES), 3)
 
     def root_opening(self, s: Array) -> Array:
         """Distance of p3 and p4, times the openness of the root, shape (m,), metres."""
@@ -173,10 +173,8 @@ def fit_groove_edges(
     if len(sections) < FEWEST_SECTIONS:
         raise ConfigurationError(f"{FEWEST_SECTIONS} sections or more are needed", key="sections")
     points = np.array([s.points for s in sections])
-    corners = np.stack(
-        (points[:, 2], points[:, 3], np.array([s.T_r_g[:3, 3] for s in sections]), points[:, 1]),
-        axis=1,
-    )
+    origins = np.array([s.T_r_g[:3, 3] for s in sections])
+    corners = np.stack((points[:, 2], points[:, 3], origins, points[:, 1]), axis=1)
     areas = np.array([section.measures[3] for section in sections])
     if not (areas > 0).all():
         raise ConfigurationError(

@@ -18,7 +18,7 @@ from tjscan.planning.wps import KJ_PER_MM, MM_PER_MIN
 DRAWN_SECTION_PLACES: Final = (0.1, 0.5, 0.9)
 """Where along the groove sections are drawn, as shares of its length."""
 
-KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
+BEAD_KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
 
 
 def draw_plan(plan: WeldPlan) -> Figure:
@@ -27,22 +27,19 @@ def draw_plan(plan: WeldPlan) -> Figure:
     grid = figure.add_gridspec(2, 6)
     for k, share in enumerate(DRAWN_SECTION_PLACES):
         _draw_section(figure.add_subplot(grid[0, 2 * k : 2 * k + 2]), plan, share)
-    for k, (name, unit, symbol, window) in enumerate(
-        (
-            ("speed", MM_PER_MIN, "mm/min", plan.wps.arc.travel_speed),
-            ("heat", KJ_PER_MM, "kJ/mm", plan.wps.arc.heat_input),
-        )
-    ):
+    arc = plan.wps.arc
+    speed = "speed", MM_PER_MIN, "travel speed / mm/min", arc.travel_speed
+    heat = "heat", KJ_PER_MM, "heat input / kJ/mm", arc.heat_input
+    for k, (name, unit, label, window) in enumerate((speed, heat)):
         axes = figure.add_subplot(grid[1, 3 * k : 3 * k + 3])
         for bead in plan.beads:
             values = getattr(bead, name) / unit.factor
-            axes.plot(bead.s / MM.factor, values, color=KIND_COLOURS[bead.kind], lw=0.8)
+            axes.plot(bead.s / MM.factor, values, color=BEAD_KIND_COLOURS[bead.kind], lw=0.8)
         for limit in window:
             axes.axhline(limit / unit.factor, color="black", lw=0.8, ls="--")
-        axes.set_xlabel("s / mm")
-        axes.set_ylabel(f"{'travel speed' if name == 'speed' else 'heat input'} / {symbol}")
+        axes.set(xlabel="s / mm", ylabel=label)
         for kind in dict.fromkeys(bead.kind for bead in plan.beads):
-            axes.plot([], [], color=KIND_COLOURS[kind], label=kind)
+            axes.plot([], [], color=BEAD_KIND_COLOURS[kind], label=kind)
         axes.plot([], [], color="black", ls="--", label="WPS")
         axes.legend(ncols=4, fontsize="small")
     return figure
@@ -64,12 +61,9 @@ def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
         turn = order.index(j)
         x, y = (outline / MM.factor).T
         axes.fill(x, y, facecolor=colours(turn / len(order)), alpha=0.6, edgecolor="black", lw=0.8)
-        at_x, at_y = middles[j].tolist()
-        axes.text(
-            at_x, at_y, str(plan.after_pass + turn + 1), ha="center", va="center", fontsize="small"
-        )
+        (at_x, at_y), number = middles[j].tolist(), str(plan.after_pass + turn + 1)
+        axes.text(at_x, at_y, number, ha="center", va="center", fontsize="small")
     axes.set_aspect("equal")
     area = 1e6 * float(cells.areas.sum())
     axes.set_title(f"s = {s / MM.factor:.0f} mm, {len(order)} beads, {area:.0f} mm²", fontsize=10)
-    axes.set_xlabel("from bevel to leg / mm")
-    axes.set_ylabel("out of the root / mm")
+    axes.set(xlabel="from bevel to leg / mm", ylabel="out of the root / mm")

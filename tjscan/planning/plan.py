@@ -12,11 +12,10 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, Mask
 from tjscan.core.units import MM2, FileUnit
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
-from tjscan.planning.lay import ArrangedGroove
+from tjscan.planning.lay import ArrangedGroove, PlannedBead
 from tjscan.planning.path import LONGEST_STATION_STEP, cut_groove_stations, map_template_onto
-from tjscan.planning.stops import ZERO_SPAN, StationStretch, StopPlacement
+from tjscan.planning.stops import SHORTEST_SPAN, StationStretch, StopPlacement
 from tjscan.planning.topology import LIMIT_TOLERANCE, Arrangement, BeadArranger, NoArrangementFits
 from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN, WeldingProcedure
 
@@ -57,7 +56,7 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     wps : WeldingProcedure
         Its windows.
     """
-    table, limits = wps.limits(open_root=bead.open_root)
+    table, limits = wps.limits_of_bead(open_root=bead.open_root)
     checks: tuple[tuple[str, FileUnit, Array, tuple[float, float]], ...] = (
         (f"{table}.wire_feed", M_PER_MIN, np.full_like(bead.speed, bead.feed), limits.wire_feed),
         (f"{table}.travel_speed", MM_PER_MIN, bead.speed, limits.travel_speed),
@@ -66,29 +65,16 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     )
     for name, unit, values, (low, high) in checks:
         out = (values < low * (1 - LIMIT_TOLERANCE)) | (values > high * (1 + LIMIT_TOLERANCE))
-        if out.any():
-            low, high, least, most = (
-                x / unit.factor for x in (low, high, values.min(), values.max())
-            )
-            yield _make_finding(
-                bead,
-                f"{name}_{unit.suffix}",
-                out,
-                f"{least:.4g} to {most:.4g}, allowed {low:g} to {high:g}",
-            )
+        low, high, least, most = (x / unit.factor for x in (low, high, values.min(), values.max()))
+        text = f"{least:.4g} to {most:.4g}, allowed {low:g} to {high:g}"
+        yield from _findings_at(bead, f"{name}_{unit.suffix}", out, text)
     out = bead.width > wps.bead.weave_limit * (1 + LIMIT_TOLERANCE)
-    if out.any():
-        widest, limit = 1e3 * bead.width.max(), 1e3 * wps.bead.weave_limit
-        yield _make_finding(
-            bead, "bead.weave_limit_mm", out, f"{widest:.1f} wide, allowed {limit:g}"
-        )
+    text = f"{1e3 * bead.width.max():.1f} wide, allowed {1e3 * wps.bead.weave_limit:g}"
+    yield from _findings_at(bead, "bead.weave_limit_mm", out, text)
     out = ~np.isin(bead.positions, wps.sequence.positions)
-    if out.any():
-        names = sorted(set(np.array(bead.positions)[out].tolist()))
-        allowed = ", ".join(wps.sequence.positions)
-        yield _make_finding(
-            bead, "sequence.positions", out, f"{', '.join(names)}, allowed {allowed}"
-        )
+    names = sorted(set(np.array(bead.positions)[out].tolist()))
+    text = f"{', '.join(names)}, allowed {', '.join(wps.sequence.positions)}"
+    yield from _findings_at(bead, "sequence.positions", out, text)
 
 
 def findings_of_stops(
@@ -113,22 +99,22 @@ def findings_of_stops(
         if bead.length < wps.sequence.shortest_bead * (1 - LIMIT_TOLERANCE):
             text = f"{1e3 * bead.length:.0f}, allowed {1e3 * wps.sequence.shortest_bead:g} or more"
             whole = np.ones(len(bead.s), dtype=bool)
-            yield _make_finding(bead, "sequence.shortest_bead_mm", whole, text)
+            yield from _findings_at(bead, "sequence.shortest_bead_mm", whole, text)
         for end, at in enumerate((float(bead.s.min()), float(bead.s.max()))):
             seen.setdefault((bead.zone, bead.station, end, bead.layer), []).append(at)
             if stops.is_at_open_end(at):
                 continue
             near = stops.distance_to_nearest_landmark(at)
-            if near < wps.sequence.stop_distance - ZERO_SPAN:
+            if near < wps.sequence.stop_distance - SHORTEST_SPAN:
                 text = f"a stop {1e3 * near:.0f} from crown or saddle"
-                yield _make_finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
+                yield from _findings_at(bead, "sequence.stop_distance_mm", bead.s == at, text)
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
             away = min((stops.length_between(at, other) for other in below), default=spread)
-            if away < spread - ZERO_SPAN:
+            if away < spread - SHORTEST_SPAN:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
-                yield _make_finding(bead, "sequence.start_spread_mm", bead.s == at, text)
+                yield from _findings_at(bead, "sequence.start_spread_mm", bead.s == at, text)
 
 
 def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsFinding]:
@@ -147,19 +133,18 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
     out = open_at & ((opening < low) | (opening > high))
     if out.any():
         at, widths = root.s[out], 1e3 * opening[out]
-        yield WpsFinding(
-            "root.opening_mm",
-            1,
-            float(at.min()),
-            float(at.max()),
-            float(out.sum() / open_at.sum()),
-            f"{widths.min():.2f} to {widths.max():.2f}, allowed {1e3 * low:g} to {1e3 * high:g}",
-        )
+        ends, share = (float(at.min()), float(at.max())), float(out.sum() / open_at.sum())
+        span = f"{widths.min():.2f} to {widths.max():.2f}"
+        text = f"{span}, allowed {1e3 * low:g} to {1e3 * high:g}"
+        yield WpsFinding("root.opening_mm", 1, *ends, share, text)
 
 
-def _make_finding(bead: PlannedBead, key: str, out: Mask, text: str) -> WpsFinding:
-    at = bead.s[out]
-    return WpsFinding(key, bead.number, float(at.min()), float(at.max()), float(out.mean()), text)
+def _findings_at(bead: PlannedBead, key: str, out: Mask, text: str) -> Iterator[WpsFinding]:
+    """The finding of a bead at its points that are out; none if all are in."""
+    if out.any():
+        at = bead.s[out]
+        ends = float(at.min()), float(at.max())
+        yield WpsFinding(key, bead.number, *ends, float(out.mean()), text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,10 +278,8 @@ def plan_weld(
                 laid.append([bead_parts_outside_spans(bead, skipped) for bead in done])
             for parts_by_span in zip(*laid, strict=True):
                 last += 1
-                beads += [
-                    replace(bead, number=last, part=part, zone=number)
-                    for part, bead in enumerate(chain.from_iterable(parts_by_span), start=1)
-                ]
+                for part, bead in enumerate(chain.from_iterable(parts_by_span), start=1):
+                    beads.append(replace(bead, number=last, part=part, zone=number))
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
         *findings_of_stops(beads, stops, wps),
@@ -356,10 +339,8 @@ def _fit_zones_from(
                 arrangement, fits = fit(first, last), last
             except NoArrangementFits as problem:
                 if last - first <= 1:
-                    where = f"at s = {1e3 * s[first]:.0f} mm"
-                    raise ConfigurationError(
-                        f"{where}: {problem.message}", key=problem.key
-                    ) from None
+                    reason = f"at s = {1e3 * s[first]:.0f} mm: {problem.message}"
+                    raise ConfigurationError(reason, key=problem.key) from None
                 fails = last
             last = max(first + 1, (fits + fails) // 2)
         found.append(PlannedZone(float(s[first]), float(s[fits]), arrangement))

@@ -18,7 +18,7 @@ from tjscan.planning.wps import SequenceSettings
 UNREACHED_STATION: Final = ""
 """Name of the station of a length that none reaches, and of all if no stations are named."""
 
-ZERO_SPAN: Final = 1e-6
+SHORTEST_SPAN: Final = 1e-6
 """Metres: a shorter span is none."""
 
 
@@ -75,7 +75,7 @@ class StopPlacement:
     sequence : SequenceSettings
         The WPS's table of starts and stops.
     landmarks : ndarray, shape (k,)
-        Crowns and saddles, metres along the groove; none where they are not known.
+        Crowns and saddles, metres along the groove; none if they are not known.
     stretches : tuple of StationStretch
         What stations reach, in the order in which these weld: one has laid all of its beads before
         the next begins. Empty if there is only one place to weld from.
@@ -116,7 +116,7 @@ class StopPlacement:
                 begin, end, goes_on = self._link_span(seams[:, layer], i, layer)
                 parts = [(begin, end)] if whole else self._parts_in_zone(zones[zone], begin, end)
                 for low, high in parts:
-                    over = self.sequence.overlap if goes_on or high < end - ZERO_SPAN else 0.0
+                    over = self.sequence.overlap if goes_on or high < end - SHORTEST_SPAN else 0.0
                     spans.append(StationStretch(link.station, low, high + over))
             if not spans:
                 raise ConfigurationError(
@@ -132,7 +132,7 @@ class StopPlacement:
 
         Of a cascade it is the lowest layer's alone.
         """
-        return not self.closed and min(abs(s), abs(s - self.length)) < ZERO_SPAN
+        return not self.closed and min(abs(s), abs(s - self.length)) < SHORTEST_SPAN
 
     def length_between(self, a: float, b: float) -> float:
         """Length of groove between two places, the shorter way round, metres."""
@@ -165,7 +165,7 @@ class StopPlacement:
             (max(begin, zone[0] + k * self.length), min(end, zone[1] + k * self.length))
             for k in turns
         ]
-        return [part for part in parts if part[1] - part[0] > ZERO_SPAN]
+        return [part for part in parts if part[1] - part[0] > SHORTEST_SPAN]
 
     def _place_seams(self, links: Sequence[StationStretch], layers: int, *, whole: bool) -> Array:
         """Where each link ends and the next begins, shape (seams, layers), metres."""
@@ -197,7 +197,7 @@ class StopPlacement:
                 at = self._move_off_landmarks(at, sign, distance)
                 found.append(at)
                 at += sign * self.sequence.start_spread
-            if sign * (end - found[-1]) >= -ZERO_SPAN:
+            if sign * (end - found[-1]) >= -SHORTEST_SPAN:
                 return np.array(found)
         return np.linspace(begin, end, layers)
 
@@ -207,7 +207,7 @@ class StopPlacement:
         if self.closed:
             marks = (marks[:, None] + self.length * np.arange(-2, 4)).ravel()
         for mark in sorted(marks, key=lambda mark: sign * mark):
-            if abs(at - mark) < distance - ZERO_SPAN:
+            if abs(at - mark) < distance - SHORTEST_SPAN:
                 at = float(mark + sign * distance)
         return at
 
@@ -242,15 +242,15 @@ class StopPlacement:
     ) -> tuple[StationStretch, ...]:
         end, at, links = begin + self.length, begin, list[StationStretch]()
         overlap = self.sequence.overlap
-        while at < end - ZERO_SPAN:
-            follow = [one for one in stretches if one.begin <= at + ZERO_SPAN and one.end > at]
+        while at < end - SHORTEST_SPAN:
+            follow = [one for one in stretches if one.begin <= at + SHORTEST_SPAN and one.end > at]
             best = max(follow, key=lambda one: one.end, default=None)
-            if best is not None and best.end - overlap > at + ZERO_SPAN:
+            if best is not None and best.end - overlap > at + SHORTEST_SPAN:
                 links.append(best)
                 last = end if not self.closed else end + overlap
-                at = end if best.end >= last - ZERO_SPAN else best.end - overlap
+                at = end if best.end >= last - SHORTEST_SPAN else best.end - overlap
                 continue
-            later = [one.begin for one in stretches if one.begin > at + ZERO_SPAN]
+            later = [one.begin for one in stretches if one.begin > at + SHORTEST_SPAN]
             follows = min([*later, end])
             links.append(StationStretch(UNREACHED_STATION, at, follows))
             at = follows

@@ -109,7 +109,7 @@ class SectionTemplate:
         for k, (end, count) in enumerate(zip(ends, counts, strict=True)):
             inside = areas[:, end - count : end - 1].cumsum(axis=1)
             last = k == len(counts) - 1
-            inner = self._inner_lines(w[:, k], w[:, k + 1], inside, capped=last)
+            inner = self._lines_between_beads(w[:, k], w[:, k + 1], inside, capped=last)
             cells.append(np.concatenate((np.zeros((m, 1)), inner, np.ones((m, 1))), axis=1))
         return BeadCells(self, counts, w, tuple(cells))
 
@@ -156,7 +156,7 @@ class SectionTemplate:
             area = area + 2 * self.cap_height * self.opening[:, None] * (u**2 - 2 / 3 * u**3)
         return np.asarray(area)
 
-    def _inner_lines(self, w0: Array, w1: Array, inside: Array, *, capped: bool) -> Array:
+    def _lines_between_beads(self, w0: Array, w1: Array, inside: Array, *, capped: bool) -> Array:
         """U of the lines that leave given areas towards the bevel."""
         if capped and self.cap_height > 0:
             # A cubic that grows: halving finds its one root between 0 and 1.
@@ -197,13 +197,10 @@ class BeadCells:
     def areas(self) -> Array:
         """Area of each bead between its lines, shape (m, n), m²."""
         last = len(self.counts) - 1
-        parts = [
-            np.diff(
-                self.template.layer_area_from_bevel(*self._layer_borders(k), u, capped=k == last),
-                axis=1,
-            )
-            for k, u in enumerate(self.u)
-        ]
+        parts = []
+        for k, u in enumerate(self.u):
+            w, capped = self._layer_borders(k), k == last
+            parts.append(np.diff(self.template.layer_area_from_bevel(*w, u, capped=capped), axis=1))
         found = np.concatenate(parts, axis=1)
         found[:, 0] += self.template.root_area  # the first layer is one bead then
         return found
@@ -230,7 +227,7 @@ class BeadCells:
             for j in range(self.counts[-1]):
                 u = np.linspace(self.u[-1][i, j + 1], self.u[-1][i, j], points)[:, None]
                 top = p2 + u * along + height * 4 * u * (1 - u) * up
-                # Where the reinforcement is nothing, at bevel and leg, its end is the corner.
+                # If the reinforcement is nothing, at bevel and leg, its end is the corner.
                 top = top[int(j == self.counts[-1] - 1) : len(top) - int(j == 0)]
                 quad = found[j - self.counts[-1]]
                 found[j - self.counts[-1]] = np.concatenate((quad[:3], top, quad[3:]))

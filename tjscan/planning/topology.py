@@ -160,9 +160,8 @@ class BeadArranger:
                     problems.append(problem)
                     continue
                 heat = all(kind.heat_fits for kind in one.kinds)
-                highest = np.array(
-                    [self._arc_limits(name)[1].wire_feed[1] for name in one.kind_names]
-                )
+                limits = [self._arc_limits(name)[1] for name in one.kind_names]
+                highest = np.array([limit.wire_feed[1] for limit in limits])
                 time = float(np.sum(one.shares * highest / one.feeds))
                 found.append(((not heat, round(time, 9), n, len(counts)), one))
             if any(rank[:2] == (False, 1.0) for rank, _ in found):
@@ -171,16 +170,11 @@ class BeadArranger:
             return min(found, key=lambda item: item[0])[1]
         if problems:
             # The one that came nearest to a plan: what is checked last.
-            raise max(
-                problems,
-                key=lambda p: WPS_KEYS_IN_CHECK_ORDER.index(
-                    str(p.key).split(".")[1].split("_area")[0]
-                ),
-            )
+            keys = [str(one.key).split(".")[1].split("_area")[0] for one in problems]
+            raise problems[int(np.argmax([WPS_KEYS_IN_CHECK_ORDER.index(key) for key in keys]))]
         low, high = (1e3 * height for height in self.wps.bead.layer_height)
-        raise NoArrangementFits(
-            f"no number of layers has heights of {low:g} to {high:g} mm", key="bead.layer_height_mm"
-        )
+        reason = f"no number of layers has heights of {low:g} to {high:g} mm"
+        raise NoArrangementFits(reason, key="bead.layer_height_mm")
 
     def _area_window(self, kind: str) -> Window:
         window: Window = getattr(self.wps.bead, f"{kind}_area")
@@ -188,7 +182,7 @@ class BeadArranger:
 
     def _arc_limits(self, kind: str) -> tuple[str, ArcSettings | RootSettings]:
         """Table, and its name, of the windows of a kind of bead."""
-        return self.wps.limits(open_root=kind == "root" and self.root == "open")
+        return self.wps.limits_of_bead(open_root=kind == "root" and self.root == "open")
 
     @cached_property
     def _layer_counts_by_beads(self) -> dict[int, list[tuple[int, ...]]]:
@@ -271,11 +265,8 @@ class BeadArranger:
         names = np.array(bead_kinds(counts, self.root))
         shares = dict(zip(BEAD_KIND_NAMES, self._bead_shares(counts), strict=True))
         for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
-            expected = (
-                shares[name]
-                * np.array((area.min(), area.max()))
-                * self._deposit_to_area_ratios[name]
-            )
+            ends, ratios = np.array((area.min(), area.max())), self._deposit_to_area_ratios[name]
+            expected = shares[name] * ends * ratios
             self._choose_wire_feed(name, *expected.tolist())
         wanted = area[:, None] * np.array([shares[name] for name in names])
         below = wanted.cumsum(axis=1)[:, np.cumsum(counts)[:-1] - 1]
@@ -357,9 +348,8 @@ class BeadArranger:
         if inner == 0:
             rest = (1 - root) / capped
             if abs(self._nearest_allowed_share("cap", rest) - rest) > 1e-12:
-                raise NoArrangementFits(
-                    f"{n} beads are too large or too small", key="bead.cap_area_mm2"
-                )
+                reason = f"{n} beads are too large or too small"
+                raise NoArrangementFits(reason, key="bead.cap_area_mm2")
             return root or rest, rest, rest
         fill = (1 - root - capped * cap) / inner
         if fill <= 0 or abs(self._nearest_allowed_share("fill", fill) - fill) > 1e-12:

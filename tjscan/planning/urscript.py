@@ -16,7 +16,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_to_vector
-from tjscan.planning.bead import PlannedBead
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.wps import TorchSettings
 
 BLEND_RADIUS_SHARE: Final = 0.2
@@ -94,18 +94,18 @@ def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, ar
         f"  # wire feed is not set here; the arc is {'switched' if arc else 'never switched on'}",
         f"  set_standard_digital_out({output}, False)",
         f"  set_tcp({_pose_text(torch.tcp.T)})",
-        "  # nobody has checked the way from where the arm stands to here",
+        "  # the way from where the arm is to here is not checked",
         f"  movej([{joints}], a={TOOL_ACCELERATION}, v={APPROACH_JOINT_SPEED})",
     ]
     for one in path.beads:
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
         lines += _movel_lines(one.approach)
-        lines += _bead_moves(one, output, arc=arc)
+        lines += _bead_move_lines(one, output, arc=arc)
         lines += _movel_lines(one.retreat)
     return "\n".join((*lines, "end", ""))
 
 
-def _bead_moves(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
+def _bead_move_lines(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
     if arc:
         yield f"  set_standard_digital_out({output}, True)"
     bead, steps = one.bead, one.bead.path_steps

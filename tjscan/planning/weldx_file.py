@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tjscan.core.units import MM
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import PlanDocument
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN
 
@@ -45,10 +45,8 @@ def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root
     beads = []
     for bead in plan.beads:
         part = f", part {bead.part}" if bead.part > 1 else ""
-        times, places = (
-            weldx.Time(weldx.Q_(bead.times, "s")),
-            weldx.Q_(bead.points / MM.factor, "mm"),
-        )
+        times = weldx.Time(weldx.Q_(bead.times, "s"))
+        places = weldx.Q_(bead.points / MM.factor, "mm")
         frame = weldx.LocalCoordinateSystem(bead.T_r_torch[:, :3, :3], places, times)
         frames.add_cs(f"torch, bead {bead.number}{part}", root, frame)
         beads.append(_bead_settings(weldx, bead, times))

@@ -18,8 +18,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
-from tjscan.core.files import bring_stream_to_disk
-from tjscan.core.signals import hold_ctrl_c
+from tjscan.core.files import sync_stream_to_disk
+from tjscan.core.signals import delay_ctrl_c
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import PROGRAM_NAME, JobSnapshot, RecordingHeader
 from tjscan.recording.parts import neighbouring_parts
@@ -138,7 +138,7 @@ class RecordingWriter:
         self._first_reading: float | None = None
         self.waiting: list[tuple[int, Topic[Any], Any]] = []
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def __enter__(self) -> Self:
         try:
             self._stream = self._file.open("xb")
@@ -147,7 +147,7 @@ class RecordingWriter:
             raise self._write_error(error) from error
         return self
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def __exit__(self, *error: object) -> None:
         try:
             if self.waiting:
@@ -173,17 +173,12 @@ class RecordingWriter:
         """
         self.write_timed((time, topic, message) for topic, message in messages)
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def write_timed(self, messages: Iterable[tuple[int, Topic[Any], Any]]) -> None:
         """Write messages of several times in one chunk; each with its time, as `write` has it."""
         for at, topic, message in messages:
-            self._writer.add_message(
-                self._channels[topic.name],
-                log_time=at,
-                publish_time=at,
-                sequence=self._count,
-                data=topic.encode(message),
-            )
+            channel, data = self._channels[topic.name], topic.encode(message)
+            self._writer.add_message(channel, at, data, publish_time=at, sequence=self._count)
             self._count += 1
         try:
             self._writer.flush()
@@ -205,7 +200,7 @@ class RecordingWriter:
         level = Log.Level.ERROR if event.name in self._errors else Log.Level.INFO
         self.add(LOG_TOPIC, event_log_message(self.now, level, event.name, event.detail))
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def flush(self) -> None:
         """Write what waits, in one chunk."""
         waiting, self.waiting = self.waiting, []
@@ -214,7 +209,7 @@ class RecordingWriter:
     def sync_to_disk(self) -> None:
         """Bring everything written so far to the disk."""
         try:
-            bring_stream_to_disk(self._stream)
+            sync_stream_to_disk(self._stream)
         except OSError as error:
             raise self._write_error(error) from error
 

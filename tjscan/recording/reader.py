@@ -10,11 +10,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import BytesIO
-from itertools import takewhile
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 from zlib import crc32
 
+from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
@@ -28,15 +29,21 @@ from tjscan.recording.header import FORMAT_VERSION, PROGRAM_NAME, JobSnapshot, R
 from tjscan.recording.parts import SCAN_RECORDING_KIND, neighbouring_parts, recording_files
 from tjscan.recording.topic import Topic
 
-_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode, and length of what follows
-_CHUNK_HEAD: Final = struct.Struct("<QQQIIQ")  # times, size, CRC, length of compression, size
-_END_OF_FILE: Final = _RECORD_HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
+_RECORD_LAYOUT: Final = struct.Struct("<BQ")  # opcode, and length of what follows
+_CHUNK_LAYOUT: Final = struct.Struct("<QQQIIQ")  # times, size, CRC, length of compression, size
+_FILE_FOOTER_BYTES: Final = _RECORD_LAYOUT.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
 _DATA_END_LENGTH: Final = 4
 
-_CHUNK_START: Final = re.compile(
+_CHUNK_START_PATTERN: Final = re.compile(
     rb"\x06(?=.{3}\x00{5}.{16}.{3}\x00{5}.{4}\x00{4}.{3}\x00{5})", re.DOTALL
 )
 """An uncompressed chunk of less than 16 MB."""
+
+OLD_RECORDING_ADVICE: Final = (
+    "Recordings of versions before 0.1.0 can't be read: use the results beside it, or record again"
+)
+"""Formats 1, 2 and 3 of those versions were never released: the first has no head, all state
+version 0.1.0, and none has the schemas that are named after dataclasses."""
 
 MAX_FILE_BYTES: Final = 2_000_000_000
 """A larger file is no recording: an hour of scanning takes a tenth of it."""
@@ -44,7 +51,7 @@ MAX_FILE_BYTES: Final = 2_000_000_000
 MAX_RECORD_BYTES: Final = 16_000_000
 """Bytes of the largest record that is read; a profile of 640 points takes some 20 000."""
 
-_BLOCK_BYTES: Final = 1 << 20
+_SEARCH_BLOCK_BYTES: Final = 1 << 20
 
 _RECORD_KINDS_READ: Final = frozenset(
     (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
@@ -61,6 +68,16 @@ class _CutOffError(Exception):
 
 _RECORD_ERRORS: Final = (_CutOffError, struct.error, ValueError, OverflowError, McapError)
 """Errors of a record that is cut off or damaged."""
+
+_MESSAGE_ERRORS: Final = (
+    KeyError,
+    ValueError,
+    TypeError,
+    OverflowError,
+    RecursionError,
+    DecodeError,
+)
+"""Errors of bytes that are no message of a topic."""
 
 
 def read_mcap_records(
@@ -111,7 +128,7 @@ def read_mcap_records(
         if records is None:
             return
         yield from records
-        place += _RECORD_HEAD.size + length
+        place += _RECORD_LAYOUT.size + length
 
 
 def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[McapRecord] | None]:
@@ -125,17 +142,17 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
         If it is damaged.
     """
     stream.seek(place)
-    head = stream.read(_RECORD_HEAD.size)
-    if len(head) < _RECORD_HEAD.size:
+    head = stream.read(_RECORD_LAYOUT.size)
+    if len(head) < _RECORD_LAYOUT.size:
         raise _CutOffError
-    opcode, length = _RECORD_HEAD.unpack(head)
+    opcode, length = _RECORD_LAYOUT.unpack(head)
     if opcode == 0 and _is_rest_zeros(head, stream):
         raise _CutOffError  # what a machine that lost its power leaves behind the last whole record
     if opcode == Opcode.DATA_END and length == _DATA_END_LENGTH:
         return length, None
     if opcode not in _RECORD_KINDS_READ | _RECORD_KINDS_SKIPPED:
         raise ValueError(f"its kind is {opcode}, which does not belong there")
-    if length > size - place - _RECORD_HEAD.size:
+    if length > size - place - _RECORD_LAYOUT.size:
         _check_cut_chunk(opcode, length, stream)
         raise _CutOffError
     if opcode in _RECORD_KINDS_SKIPPED:
@@ -147,18 +164,18 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
 
 def _check_cut_chunk(opcode: int, length: int, stream: BinaryIO) -> None:
     """Refuse the beginning of a chunk that states two lengths."""
-    head = stream.read(_CHUNK_HEAD.size)
-    if opcode != Opcode.CHUNK or len(head) < _CHUNK_HEAD.size:
+    head = stream.read(_CHUNK_LAYOUT.size)
+    if opcode != Opcode.CHUNK or len(head) < _CHUNK_LAYOUT.size:
         return
-    *_, size, _, compressed, stored = _CHUNK_HEAD.unpack(head)
-    if compressed or not size == stored == length - _CHUNK_HEAD.size:
+    *_, size, _, compressed, stored = _CHUNK_LAYOUT.unpack(head)
+    if compressed or not size == stored == length - _CHUNK_LAYOUT.size:
         raise ValueError("it states lengths that contradict each other")
 
 
 def _parse_record(record: bytes) -> list[McapRecord]:
     """The record, or the records in it if it is a chunk; a footer behind it ends the reading."""
     found: list[McapRecord] = []
-    stream = BytesIO(record + _END_OF_FILE)
+    stream = BytesIO(record + _FILE_FOOTER_BYTES)
     for one in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
         if isinstance(one, Chunk):
             found += _records_of_chunk(one)
@@ -184,13 +201,13 @@ def _find_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
     """Place of the next whole chunk; None if there is none."""
     while place < size:
         stream.seek(place)
-        block = stream.read(_BLOCK_BYTES + _RECORD_HEAD.size + _CHUNK_HEAD.size)
-        for match in _CHUNK_START.finditer(block):
+        block = stream.read(_SEARCH_BLOCK_BYTES + _RECORD_LAYOUT.size + _CHUNK_LAYOUT.size)
+        for match in _CHUNK_START_PATTERN.finditer(block):
             start = place + match.start()
             with suppress(*_RECORD_ERRORS):
                 _read_record(stream, start, size)
                 return start
-        place += _BLOCK_BYTES
+        place += _SEARCH_BLOCK_BYTES
     return None
 
 
@@ -251,7 +268,7 @@ class MissingMessages:
         self.noticed: list[str] = []
         """Damages since the last message, whose loss the next one shows."""
 
-    def count(self, number: int, *, is_at_end: bool = False) -> None:
+    def count_message(self, number: int, *, is_at_end: bool = False) -> None:
         """Take the number of a message that was read, or of the first one in the next file."""
         missing = number - self.expected
         if missing:
@@ -261,10 +278,10 @@ class MissingMessages:
         self.expected = number + 1
         self.noticed.clear()
 
-    def end(self, following: RecordingHeader | None) -> None:
+    def end_file(self, following: RecordingHeader | None) -> None:
         """Take the head of the part that follows this file; None if none does."""
         if following is not None:
-            self.count(following.messages_before, is_at_end=True)
+            self.count_message(following.messages_before, is_at_end=True)
         elif self.noticed:
             self._report_noticed(is_at_end=True)
 
@@ -334,22 +351,20 @@ def read_messages(
                 raise _damage_error(
                     file,
                     f"{topic.name} holds {found[0]} in {found[1]}, not {topic.schema_name} in "
-                    f"{topic.message_encoding}",
+                    f"{topic.message_encoding}. {OLD_RECORDING_ADVICE}",
                 )
             channels[record.id] = topic
         elif isinstance(record, Message):
             if record.channel_id not in channels:
-                raise _damage_error(
-                    file, f"a message on channel {record.channel_id}, which is unknown"
-                )
-            count.count(record.sequence)
+                why = f"a message on channel {record.channel_id}, which is unknown"
+                raise _damage_error(file, why)
+            count.count_message(record.sequence)
             topic = channels[record.channel_id]
             if topic is not None:
-                yield RecordedMessage(
-                    topic, record.log_time, _decode_message(file, topic, record.data)
-                )
+                content = _decode_message(file, topic, record.data)
+                yield RecordedMessage(topic, record.log_time, content)
     _, following = neighbouring_parts(file)
-    count.end(None if following is None else read_header(following))
+    count.end_file(None if following is None else read_header(following))
 
 
 def count_messages(file: Path) -> int:
@@ -395,25 +410,20 @@ def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING_KIND) -> JobSn
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    found = [
-        record
-        for file in recording_files(directory, kind)
-        for record in _records_before_messages(file)
-        if isinstance(record, JobSnapshot)
-    ]
+    heads = map(_records_before_messages, recording_files(directory, kind))
+    records = chain.from_iterable(heads)
+    found = [record for record in records if isinstance(record, JobSnapshot)]
     return found[-1] if found else None
 
 
 def _decode_message(file: Path, topic: Topic[Any], data: bytes) -> Any:
     try:
         return topic.decode(data)
-    except (KeyError, ValueError, TypeError, OverflowError) as error:
+    except _MESSAGE_ERRORS as error:
         raise _damage_error(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
-def _records_before_messages(
-    file: Path,
-) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
+def _records_before_messages(file: Path) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
     def refuse(reason: str) -> None:
         raise _damage_error(file, reason)
 
@@ -434,7 +444,7 @@ def _read_records(
                 elif header is None:
                     name = record.name if isinstance(record, Metadata) else ""
                     if name != RecordingHeader.record_name:
-                        raise ValueError("its head is missing")
+                        raise ValueError(f"its head is missing. {OLD_RECORDING_ADVICE}")
                     header = RecordingHeader.from_metadata(record.metadata)
                     _check_format(file, header)
                     yield header
@@ -463,13 +473,12 @@ def _check_program(file: Path, header: McapHeader) -> None:
 
 
 def _check_format(file: Path, head: RecordingHeader) -> None:
-    if head.format < 1:
-        raise _damage_error(file, f"its format is {head.format}")
-    if head.format > FORMAT_VERSION:
+    if head.format != FORMAT_VERSION:
+        newer = f"Install {PROGRAM_NAME} {head.version} or newer"
+        advice = OLD_RECORDING_ADVICE if head.version == "0.1.0" else newer
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "
-            f"version reads format {FORMAT_VERSION} only. Install {PROGRAM_NAME} {head.version} "
-            "or newer"
+            f"version reads format {FORMAT_VERSION} only. {advice}"
         )
 
 

@@ -25,7 +25,7 @@ from typing import (
 )
 
 import numpy as np
-from google.protobuf.message import DecodeError, Message
+from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from tjscan.core.frames import Array, ArrayForm, readonly_copy
@@ -34,7 +34,7 @@ from tjscan.laser.profile import Profile
 LARGEST_NUMBER: Final = 1e9
 """Metres, radians or seconds: what is larger was not measured."""
 
-LARGEST_INTEGER: Final = 1_000_000
+LARGEST_RECORDED_COUNT: Final = 1_000_000
 """Of sections, passes, places or iterations: counts and numbers begin at 0."""
 
 ORTHONORMALITY_TOLERANCE: Final = 1e-6
@@ -181,7 +181,7 @@ def _to_float(value: Any) -> float:
 
 
 def _checked_count(value: Any) -> int:
-    if type(value) is not int or not 0 <= value <= LARGEST_INTEGER:
+    if type(value) is not int or not 0 <= value <= LARGEST_RECORDED_COUNT:
         raise ValueError(f"{value!r} is no number of a section, a pass or anything else counted")
     return value
 
@@ -237,8 +237,7 @@ class Topic(Generic[T]):
     encode : callable
         Bytes of a message.
     decode : callable
-        The message that bytes hold; raises ValueError, KeyError, TypeError or OverflowError if
-        they hold none.
+        The message that bytes hold; raises one of `MESSAGE_ERRORS` if they hold none.
     """
 
     name: str
@@ -263,38 +262,16 @@ class Topic(Generic[T]):
             To which the arrays of a dataclass are rounded when they are written.
         """
         if issubclass(kind, Message):
-            return _protobuf_topic(name, kind)
+            definition = build_file_descriptor_set(kind).SerializeToString()
+            encode = methodcaller("SerializeToString")
+            schema_name = kind.DESCRIPTOR.full_name
+            return cls(name, schema_name, "protobuf", definition, encode, kind.FromString)
         codec = dataclass_codec(kind, decimals)
-        schema: str = codec.schema["title"]
-
-        def decode(data: bytes) -> Any:
-            try:
-                content = json.loads(data)
-            except RecursionError as error:
-                raise ValueError("nested too deeply") from error
-            if not isinstance(content, dict):
-                raise ValueError(f"no fields of {schema}")
-            return codec.decode(content)
-
-        def encode(message: T) -> bytes:
-            return json.dumps(codec.encode(message), allow_nan=False).encode()
-
-        return cls(name, schema, "json", json.dumps(codec.schema).encode(), encode, decode)
-
-
-def _protobuf_topic(name: str, kind: type[Message]) -> Topic[Any]:
-    def decode(data: bytes) -> Message:
-        try:
-            return kind.FromString(data)
-        except DecodeError as error:
-            raise ValueError(f"no {kind.DESCRIPTOR.full_name}: {error}") from error
-
-    definition = build_file_descriptor_set(kind).SerializeToString()
-    return Topic(
-        name,
-        kind.DESCRIPTOR.full_name,
-        "protobuf",
-        definition,
-        methodcaller("SerializeToString"),
-        decode,
-    )
+        return cls(
+            name,
+            codec.schema["title"],
+            "json",
+            json.dumps(codec.schema).encode(),
+            lambda message: json.dumps(codec.encode(message), allow_nan=False).encode(),
+            lambda data: codec.decode(json.loads(data)),
+        )

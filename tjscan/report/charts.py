@@ -17,6 +17,7 @@ from tjscan.report import picture
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import DEGREES_PER_HOUR, designed_measures, section_dimensions
 from tjscan.report.findings import describe_coverage
+from tjscan.result import section as result_section
 from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.picture import (
     BAND_SIGMAS,
@@ -26,25 +27,19 @@ from tjscan.result.picture import (
     ROOT_COLOUR,
     draw_groove_3d,
 )
-from tjscan.result.section import (
-    MEASURE_FIELDS,
-    absent_corners,
-    lengths_along_groove,
-    measure_columns,
-)
 from tjscan.result.wireframe import joint_wireframe
 
-DESIGN_COLOUR: Final = "#d62728"
+DESIGN_LINE_STYLE: Final[dict[str, Any]] = {"color": "#d62728", "linestyle": "--", "linewidth": 1}
 STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 """Of stations that are drawn together."""
 
 MOST_PICTURE_BYTES: Final = 1_000_000
 """A larger picture of stations would make the report too large to send."""
 
-ROOT_WIDTH_INDEX: Final = 1
+ROOT_WIDTH_MEASURE_INDEX: Final = 1
 """Place of the root's width among the measures of a section."""
 
-BOX_MARGIN: Final = 50e-3
+GROOVE_BOX_MARGIN: Final = 50e-3
 """Metres about the corners that the view in space shows."""
 
 
@@ -76,7 +71,7 @@ def indices_near_groove(sections: Sequence[MeasuredSection], points: Array) -> N
 
 def _box_about_groove(sections: Sequence[MeasuredSection]) -> tuple[Array, Array]:
     corners = np.array([section.points for section in sections]).reshape(-1, 3)
-    return corners.min(axis=0) - BOX_MARGIN, corners.max(axis=0) + BOX_MARGIN
+    return corners.min(axis=0) - GROOVE_BOX_MARGIN, corners.max(axis=0) + GROOVE_BOX_MARGIN
 
 
 def _line_with_gaps_outside_box(line: Array, low: Array, high: Array) -> Array:
@@ -96,29 +91,29 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
     figure = picture.new_figure(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
     for k, (axes, (field, y, sigma)) in enumerate(
-        zip(panels.flat, measure_columns(sections), strict=True)
+        zip(panels.flat, result_section.measure_columns(sections), strict=True)
     ):
         band = BAND_SIGMAS * sigma
         axes.fill_between(x, y - band, y + band, color=LASER_COLOUR, alpha=0.3, linewidth=0)
-        axes.plot(
-            x, y, linewidth=1, color=LASER_COLOUR, label="measured", **picture.LINE_WITH_DOTS_STYLE
-        )
+        picture.draw_line_with_dots(axes, x, y, LASER_COLOUR, "measured", linewidth=1)
         if design is not None:
             drawn = design[:, k] / field.unit.factor
-            axes.plot(x, drawn, "--", color=DESIGN_COLOUR, linewidth=1, label="as designed")
+            axes.plot(x, drawn, **DESIGN_LINE_STYLE, label="as designed")
         axes.set_ylabel(field.chart_title)
         axes.grid(alpha=0.3)
     for axes in panels[-1]:
         axes.set_xlabel(label)
     panels[0, 0].legend(fontsize=8)
     designed = "" if design is None else " Dashed: the joint as designed, cut by the same planes."
-    every = ((field, field.values(sections)) for field in MEASURE_FIELDS)
+    every = (
+        (field, field.values_in_file_units(sections)) for field in result_section.MEASURE_FIELDS
+    )
     ranges = (f"{field.chart_title} {y.min():.1f} to {y.max():.1f}" for field, y in every)
     return picture.inline_figure(
         figure,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND_SIGMAS:g} standard "
-        f"deviations. Where the root is not seen, only the angle is known.{designed}",
+        f"deviations. If the root is not seen, only the angle is known.{designed}",
         f"Four charts along the groove: {', '.join(ranges)}.",
         vector=True,
     )
@@ -142,9 +137,9 @@ def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
     for axes, title in zip(panels.flat, titles, strict=False):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
         for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
-            axes.plot(chart.x, chart.y, color=colour, label=name, **picture.LINE_WITH_DOTS_STYLE)
+            picture.draw_line_with_dots(axes, chart.x, chart.y, colour, name)
             if chart.nominal is not None:
-                axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
+                axes.axhline(chart.nominal, **DESIGN_LINE_STYLE)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
             axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
         axes.set_title(title, fontsize=10)
@@ -176,18 +171,9 @@ def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
     axes = figure.add_subplot()
     for k, colour in enumerate((CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)):
         name = f"$p_{k + 2}$"
-        axes.plot(
-            x[order],
-            distances[:, k],
-            linewidth=1,
-            color=colour,
-            label=name,
-            **picture.LINE_WITH_DOTS_STYLE,
-        )
+        picture.draw_line_with_dots(axes, x[order], distances[:, k], colour, name, linewidth=1)
     if (tolerance := data.comparison.tolerance) is not None:
-        axes.axhline(
-            1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
-        )
+        axes.axhline(1e3 * tolerance, **DESIGN_LINE_STYLE, label="tolerance")
     axes.set_ylim(bottom=0)
     axes.set(xlabel=label, ylabel="distance / mm")
     axes.grid(alpha=0.3)
@@ -207,7 +193,7 @@ def places_along_groove(data: ReportData) -> tuple[Array, str]:
     """Where the sections are on a chart, and what that is called."""
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
-    return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
+    return 1e3 * result_section.lengths_along_groove(data.sections), "along the groove / mm"
 
 
 def draw_fit_up(data: ReportData) -> picture.ReportPicture:
@@ -225,10 +211,10 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
         _shade_tack_welds(axes, x, tacked)
         axes.grid(alpha=0.3)
     opening = 1e3 * np.array([section.root_opening for section in sections])
-    rootless = absent_corners(sections)[:, 1:].any(axis=1)
-    width = 1e3 * np.array([section.measures[ROOT_WIDTH_INDEX] for section in sections])
+    rootless = result_section.absent_corners(sections)[:, 1:].any(axis=1)
+    width = 1e3 * np.array([section.measures[ROOT_WIDTH_MEASURE_INDEX] for section in sections])
     width[~np.isnan(opening) | rootless] = np.nan
-    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH_INDEX] for section in sections])
+    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH_MEASURE_INDEX] for section in sections])
     # An opening ends at p3, the edge of the bevel.
     edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in sections])
     for name, y, sigma, colour in (
@@ -245,23 +231,16 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
     high_low = ""
     if data.joint is not None:
         every = section_dimensions(sections, data.joint)
-        rows = [{one.name: one.value for one in row} for row in every]
+        values = [{one.name: one.value for one in row} for row in every]
         for name, shown, colour in (
             ("high-low, brace", "brace's wall at p2", CORNER_COLOUR),
             ("high-low, leg", "leg at p4", PATH_COLOUR),
         ):
-            panels[1].plot(
-                x,
-                [row[name] for row in rows],
-                color=colour,
-                label=shown,
-                **picture.LINE_WITH_DOTS_STYLE,
-            )
+            off = [row[name] for row in values]
+            picture.draw_line_with_dots(panels[1], x, off, colour, shown)
         panels[1].axhline(0, color="grey", linewidth=0.8)
         panels[1].set_ylabel("high-low / mm")
-        high_low = (
-            " High-low: how far the tubes stand out of where they are drawn, positive outwards."
-        )
+        high_low = " High-low: how far the tubes are off their drawn places, positive outwards."
     for axes in panels:
         if axes.get_legend_handles_labels()[0]:
             axes.legend(fontsize=8, ncols=3)
@@ -269,7 +248,7 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
     return picture.inline_figure(
         figure,
         "Fit-up, unrolled",
-        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one. Bars are "
+        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections are on one. Bars are "
         f"± {BAND_SIGMAS:g} standard deviations.{high_low}",
         f"Charts along the groove of the root{high_low and ' and of high-low'}, "
         f"{int(tacked.sum())} sections on tack welds.",
@@ -292,7 +271,7 @@ def draw_deviation_map(data: ReportData) -> picture.ReportPicture | None:
     if comparison is None or comparison.reference.stated.frame != "j":
         return None
     kind = comparison.deviations[0]
-    sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
+    sign = "red is outside the reference, blue inside" if kind.signed else "it has no sign"
     return picture.inline_figure(
         comparison.plot().figure,
         "Deviation from the reference, unwrapped over the azimuth",

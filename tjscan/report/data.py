@@ -12,7 +12,7 @@ from tjscan.comparison.compare import AlignmentMethod, Comparison, check_toleran
 from tjscan.comparison.shapes import Shape, UserUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
@@ -24,7 +24,7 @@ from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, S
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.summary import ScanSummary, StitchingReport, read_stitching_report, read_summary
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.tasks import report_chapters
+from tjscan.runs.tasks import ALL_TASKS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,11 +110,6 @@ class ReportData:
     caveats: tuple[str, ...]
 
     @property
-    def run_name(self) -> str:
-        """Name of the run: that of its directory."""
-        return self.directory.resolve().name
-
-    @property
     def cloud(self) -> Array:
         """The scanned points, shape (n, 3), metres; none if there is no cloud."""
         return np.empty((0, 3)) if self.shape.points is None else self.shape.points
@@ -171,22 +166,16 @@ def read_report_data(
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
     other = None if reference is None else read_shape(reference, options)
+
     comparison, caveats = _compare_with_reference(shape, file, other, tolerance)
-    return ReportData(
-        directory,
-        summary,
-        sections,
-        shape,
-        tuple(
-            _read_station_run(name, folder)
-            for name, folder in folders.items()
-            if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file()
-        ),
-        None if file is None else read_joint(file),
-        comparison,
-        stitching,
-        caveats,
-    )
+    places = []
+    for name, folder in folders.items():
+        if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file():
+            chapters = tuple(task.load("chapter")(folder) for task in ALL_TASKS)
+            places.append(StationRunData(name, read_summary(folder / SUMMARY_FILE), chapters))
+    run = directory, summary, sections, shape, tuple(places)
+    joint = None if file is None else read_joint(file)
+    return ReportData(*run, joint, comparison, stitching, caveats)
 
 
 def station_folders(directory: Path, report: StitchingReport | None) -> dict[str, Path]:
@@ -208,7 +197,7 @@ def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
     files = (folder / JOINT_FILE for folder in (directory, *folders))
     file = next((file for file in files if file.is_file()), None)
     if file is not None:
-        check_as_written(file)
+        check_files_unaltered(file)
     return file
 
 
@@ -231,8 +220,3 @@ def _compare_with_reference(
         return compare_shapes(shape, read_shape(joint), align, tolerance), ()
     except (ComparisonRefused, ConfigurationError) as error:
         return None, (f"It was not compared with the joint that the job names: {error}",)
-
-
-def _read_station_run(name: str, directory: Path) -> StationRunData:
-    chapters = tuple(write(directory) for write in report_chapters().values())
-    return StationRunData(name, read_summary(directory / SUMMARY_FILE), chapters)

@@ -22,7 +22,7 @@ from tjscan.report.dimensions import (
 )
 from tjscan.result.directions import section_directions
 
-IN_PLANE_DISTANCE: Final = 0.2e-3
+LARGEST_DISTANCE_OFF_PLANE: Final = 0.2e-3
 """Metres from a section's plane within which points belong to its profile."""
 
 MOST_PROFILE_DOTS: Final = 250
@@ -96,9 +96,8 @@ def draw_sections(data: ReportData) -> list[SectionDrawing]:
     planes = [_section_plane(*one, size) for one in zip(sections, leg_normals, strict=True)]
     half = 0.5 * max(float(plane.p[3, 1] - plane.p[1, 1]) for plane in planes) + 0.75 * size
     drawings = []
-    for k, section, plane, dimensions in zip(
-        chosen, sections, planes, section_dimensions(sections, data.joint), strict=True
-    ):
+    every = section_dimensions(sections, data.joint)
+    for k, section, plane, dimensions in zip(chosen, sections, planes, every, strict=True):
         at = "" if azimuths is None else f"{clock_text(azimuths[k])}, "
         title, bore = f"{at}section {data.section_number(section)}", None
         if data.joint is not None:
@@ -122,7 +121,7 @@ class _SectionPlane:
     def flat(self, points: Array) -> Array:
         """Points near the plane, (m, 2), of points (n, 3) in the sections' frame."""
         points_g = transform_points(self.T_g_r, points)
-        near = points_g[np.abs(points_g[:, 0]) < IN_PLANE_DISTANCE]
+        near = points_g[np.abs(points_g[:, 0]) < LARGEST_DISTANCE_OFF_PLANE]
         return 1e3 * near[:, [2, 1]] * (1, -1)
 
     @property
@@ -132,7 +131,7 @@ class _SectionPlane:
         return np.asarray(self.p[2] + along[0] * self.bevel)
 
     @property
-    def bent_leg(self) -> str:
+    def leg_svg_path(self) -> str:
         """The leg from p4 to p5 as a path, which leaves p4 along its tangent."""
         p4, p5 = self.p[3:]
         half = np.dot(p5 - p4, p5 - p4) / 2 / max(np.dot(p5 - p4, self.leg), 1e-9)
@@ -145,9 +144,8 @@ def _section_plane(section: MeasuredSection, leg_normal: Array, size: float) -> 
     normal = (T_g_r[:3, :3] @ leg_normal)[[2, 1]] * (1, -1)
     along = unit_vector(np.array((-normal[1], normal[0])))
     seen = (True, *(name not in section.absent for name in ("p2", "p3", "p4")), True)
-    return _SectionPlane(
-        T_g_r, p, seen, unit_vector(p[1] - p[2]), along * np.sign(along[0] or 1.0), size
-    )
+    bevel, leg = unit_vector(p[1] - p[2]), along * np.sign(along[0] or 1.0)
+    return _SectionPlane(T_g_r, p, seen, bevel, leg, size)
 
 
 def _draw_section(
@@ -170,7 +168,7 @@ def _draw_section(
     rooted = all(plane.seen[1:4])
     if rooted:
         width = by_name.get("root opening") or by_name["root bead"]
-        marks += [_root_mark(plane, width), _depth_mark(plane, by_name["depth"])]
+        marks += [_root_width_mark(plane, width), _depth_mark(plane, by_name["depth"])]
         if bore is not None and not isnan(by_name["root face"].value):
             marks.append(_root_face_mark(plane, by_name["root face"], bore))
     sides = zip(plane.seen[:3], plane.seen[1:4], p, p[1:], strict=False)
@@ -188,7 +186,7 @@ def _draw_section(
         round(0.13 * s, 2),
         {
             "steel": _steel_path(plane, bore, is_open="root opening" in by_name) if rooted else "",
-            "outline": straight + ("M" + plane.bent_leg if plane.seen[3] else ""),
+            "outline": straight + ("M" + plane.leg_svg_path if plane.seen[3] else ""),
             "dots": "".join(
                 f"M{x:.2f} {y:.2f}h0" for x, y in dots[:: -(-len(dots) // MOST_PROFILE_DOTS) or 1]
             ),
@@ -204,9 +202,8 @@ def _steel_path(plane: _SectionPlane, bore: float | None, *, is_open: bool) -> s
     p, s, leg = plane.p, plane.size, plane.leg
     inward = p[3] - 3 * s * leg
     deep = 0.35 * s * np.array((-leg[1], leg[0]))
-    solid = f"M{plane.bent_leg}" + _svg_path(
-        p[4] + deep, p[3] + deep, inward + deep, inward
-    ).replace("M", "L")
+    below = _svg_path(p[4] + deep, p[3] + deep, inward + deep, inward)
+    solid = f"M{plane.leg_svg_path}{below.replace('M', 'L')}"
     solid += f"L{_svg_point(p[3])}Z"
     if bore is None:
         return solid
@@ -214,24 +211,22 @@ def _steel_path(plane: _SectionPlane, bore: float | None, *, is_open: bool) -> s
     at_bore = foot - leg * (foot[0] - bore) / leg[0]
     top = p[0, 1] - s
     rest = () if is_open else (p[3],)
-    return (
-        solid + _svg_path(np.array((p[1, 0], top)), p[1], p[2], *rest, at_bore, (bore, top)) + "Z"
-    )
+    wall = _svg_path(np.array((p[1, 0], top)), p[1], p[2], *rest, at_bore, (bore, top))
+    return f"{solid}{wall}Z"
 
 
 def _angle_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     apex, reach = plane.apex, float(np.linalg.norm(plane.p[1] - plane.apex))
     r = 0.7 * reach
     start, end = apex + r * plane.bevel, apex + r * plane.leg
-    thin = _svg_path(plane.p[1], apex, plane.p[3]) + _svg_path(
-        plane.p[3], apex + 1.2 * r * plane.leg
-    )
+    beyond = _svg_path(plane.p[3], apex + 1.2 * r * plane.leg)
+    thin = _svg_path(plane.p[1], apex, plane.p[3]) + beyond
     arc = f"M{_svg_point(start)}A{r:.2f} {r:.2f} 0 0 1 {_svg_point(end)}"
     at = apex + 1.02 * reach * unit_vector(plane.bevel + plane.leg)
     return thin, arc, _dimension_label(at, "start", dimension)
 
 
-def _root_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
+def _root_width_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     p3, p4, s = plane.p[2], plane.p[3], plane.size
     along = unit_vector(p4 - p3)
     away = np.array((-along[1], along[0]))

@@ -42,12 +42,11 @@ def report_findings(data: ReportData) -> Iterator[str]:
         yield f"The scan is not complete: {summary.detail}."
     if data.stitching is not None:
         yield from _stitching_findings(data.stitching)
-        missing = {one.name for one in data.stitching.stations} - {
-            place.name for place in data.places
-        }
+        there = {place.name for place in data.places}
+        missing = sorted({one.name for one in data.stitching.stations} - there)
         if missing:
             yield (
-                f"The recordings of {', '.join(sorted(missing))} are not there any more: their "
+                f"The recordings of {', '.join(missing)} are not there any more: their "
                 "profiles, events and calibration are not in this report."
             )
     yield from data.caveats
@@ -113,7 +112,7 @@ def _comparison_findings(comparison: Comparison) -> Iterator[str]:
         over = int((deviation.known > comparison.tolerance).sum())
         if over:
             yield (
-                f"{over} of {len(deviation.known)} corners lie farther than "
+                f"{over} of {len(deviation.known)} corners are farther than "
                 f"{1e3 * comparison.tolerance:g} mm from {comparison.reference.name}."
             )
     yield from (f"{warning[:1].upper()}{warning[1:]}." for warning in comparison.warnings)
@@ -167,8 +166,8 @@ class HeadlineNumber:
 def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
     """Give the headline's numbers: the deviation if there is one, then the groove itself.
 
-    Corners speak for a deviation, for a cloud's extremes are the laser's ghosts. Where a cloud
-    alone was compared, the half of it that lies closest does.
+    Corners speak for a deviation, for a cloud's extremes are the laser's ghosts. If a cloud
+    alone was compared, the half of it that is closest does.
 
     Parameters
     ----------
@@ -208,10 +207,10 @@ def _deviation_headline(comparison: Comparison) -> HeadlineNumber:
     corners = [d for d in comparison.deviations if d.kind.startswith("corners")]
     if corners:
         s = corners[0].statistics
-        value, what = s.p95, f"95 % of the corners lie closer to {reference}; {s.mean:.2f} mean"
+        value, what = s.p95, f"95 % of the corners are closer to {reference}; {s.mean:.2f} mean"
     else:
         value = 1e3 * float(np.median(np.abs(comparison.deviations[0].known)))
-        what = f"half of the points lie closer to {reference}"
+        what = f"half of the points are closer to {reference}"
     if comparison.tolerance is None:
         return HeadlineNumber(f"{value:.2f} mm", what)
     verdict = "within" if comparison.passed else "OUTSIDE"

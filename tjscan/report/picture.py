@@ -42,10 +42,14 @@ class ReportPicture:
         object.__setattr__(self, "alt", self.alt or f"{self.title}.")
 
 
+def draw_line_with_dots(axes: Any, x: Any, y: Any, colour: str, label: str, **style: Any) -> None:
+    """Draw a quantity along the groove: a line, with a dot at each section."""
+    axes.plot(x, y, color=colour, label=label, **style, **LINE_WITH_DOTS_STYLE)
+
+
 def picture_from_png(content: bytes, title: str, caption: str) -> ReportPicture:
     """Make a picture of the content of a PNG file."""
-    data = b64encode(content).decode("ascii")
-    return ReportPicture(title, caption, f"data:image/png;base64,{data}")
+    return ReportPicture(title, caption, _inline_data(content, "png"))
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -80,9 +84,12 @@ def inline_figure(
             figure.savefig(stream, format="svg", metadata={"Date": None})
     else:
         figure.savefig(stream, format="png", dpi=SCREEN_DPI, metadata={"Software": None})
-    kind = "svg+xml" if vector else "png"
-    data = f"data:image/{kind};base64," + b64encode(stream.getvalue()).decode("ascii")
+    data = _inline_data(stream.getvalue(), "svg+xml" if vector else "png")
     return ReportPicture(title, caption, data, alt)
+
+
+def _inline_data(content: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{b64encode(content).decode('ascii')}"
 
 
 def load_template(name: str) -> Template:

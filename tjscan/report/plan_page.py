@@ -14,7 +14,7 @@ from tjscan.planning import document
 from tjscan.report import picture
 
 PLAN_PAGE: Final = "plan.html"
-PLAN, BEADS, PICTURE = "plan.json", "beads.csv", "plan.png"
+PLAN_FILE, BEADS_FILE, PICTURE_FILE = "plan.json", "beads.csv", "plan.png"
 
 MOST_PICTURE_BYTES: Final = 5_000_000
 """A larger picture would make the page too large to send."""
@@ -45,12 +45,12 @@ def write_plan_page(directory: Path) -> Path:
     RecordingError
         If the page can't be written.
     """
-    plan = document.read_plan(directory / PLAN)
-    courses = document.read_beads_csv(directory / BEADS)
+    plan = document.read_plan(directory / PLAN_FILE)
+    courses = document.read_beads_csv(directory / BEADS_FILE)
     filled = picture.picture_from_png(
-        read_small_file(directory / PICTURE, MOST_PICTURE_BYTES, "a picture"),
+        read_small_file(directory / PICTURE_FILE, MOST_PICTURE_BYTES, "a picture"),
         "Three sections filled, speed and heat input along each bead",
-        "Beads are numbered in the order of welding. Dashed: the windows of the WPS. Where a bead "
+        "Beads are numbered in the order of welding. Dashed: the windows of the WPS. If a bead "
         "overlaps its start, s goes on beyond the groove's length.",
     )
     page = picture.load_template("plan.html.jinja").render(
@@ -72,13 +72,8 @@ def draw_welding_positions(courses: Sequence[document.BeadCourse]) -> picture.Re
     seen: set[str] = set()
     for bead in courses:
         for name, start, end in _stretches_of_welding_position(bead):
-            axes.barh(
-                bead.number,
-                end - start,
-                left=start,
-                height=0.8,
-                color=WELDING_POSITION_COLOURS[name],
-            )
+            colour = WELDING_POSITION_COLOURS[name]
+            axes.barh(bead.number, end - start, left=start, height=0.8, color=colour)
             seen.add(name)
     for name in sorted(seen):
         axes.barh(np.nan, 0, color=WELDING_POSITION_COLOURS[name], label=name)

@@ -20,7 +20,7 @@ MOST_PROFILES_SHOWN: Final = 6
 """Profiles in the picture, evenly chosen along the groove."""
 
 LEFT_OUT_COLOUR: Final = "#e0a080"
-LEFT_OUT_MARGIN: Final = 8e-3
+LEFT_OUT_POINT_MARGIN: Final = 8e-3
 """Metres about the fitted points within which those left out are shown."""
 
 POINTS_ALONG_SIDE: Final = 40
@@ -87,10 +87,8 @@ def _draw_fitted_profile(
         return
     row, fitted = fit.row, fit.fitted
     keep = fitted.keep
-    low, high = (
-        row.points[keep].min(axis=0) - LEFT_OUT_MARGIN,
-        row.points[keep].max(axis=0) + LEFT_OUT_MARGIN,
-    )
+    kept = row.points[keep]
+    low, high = kept.min(axis=0) - LEFT_OUT_POINT_MARGIN, kept.max(axis=0) + LEFT_OUT_POINT_MARGIN
     near = ~keep & (row.points > low).all(axis=1) & (row.points < high).all(axis=1)
     for part, colour, name in ((keep, LASER_COLOUR, "fitted"), (near, LEFT_OUT_COLOUR, "left out")):
         axes.plot(*_z_and_x_mm(row.points[part]), ".", color=colour, markersize=3, label=name)
@@ -100,18 +98,16 @@ def _draw_fitted_profile(
         own = fitted.kept_along(k)
         # Outer sides begin and end with their points, the others at corners.
         first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
-        line = np.array(
-            [curve.point_on_curve(float(s)) for s in np.linspace(first, last, POINTS_ALONG_SIDE)]
-        )
+        along = np.linspace(first, last, POINTS_ALONG_SIDE)
+        line = np.array([curve.point_on_curve(float(s)) for s in along])
         axes.plot(*_z_and_x_mm(line), color=CORNER_COLOUR, linewidth=0.8)
     for number, point in enumerate(section.points_s[1:4, [0, 2]], start=2):
         if f"p{number}" in absent:
             continue
         z, x = _z_and_x_mm(point[None])
         axes.plot(z, x, "o", color=ROOT_COLOUR, markersize=7, fillstyle="none")
-        axes.annotate(
-            f"$p_{number}$", (z[0], x[0]), xytext=(7, 0), textcoords="offset points", fontsize=9
-        )
+        beside = {"xytext": (7, 0), "textcoords": "offset points"}
+        axes.annotate(f"$p_{number}$", (z[0], x[0]), **beside, fontsize=9)
 
 
 def _z_and_x_mm(points: Array) -> tuple[Array, Array]:

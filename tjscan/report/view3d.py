@@ -19,16 +19,16 @@ from tjscan.report.data import ReportData
 from tjscan.report.dimensions import clock_text
 from tjscan.report.findings import find_section_gaps, is_closed
 from tjscan.result.section import UNIT_SYMBOLS, absent_corners, measure_columns
-from tjscan.result.wireframe import ghost_of_joint, joint_wireframe
+from tjscan.result.wireframe import joint_ghost_mesh, joint_wireframe
 
 MOST_SHOWN_POINTS: Final = 40_000
 """A page of more would be slow, and too large."""
 
-SEQUENTIAL, DIVERGING = "viridis", "coolwarm"
+SEQUENTIAL_COLOURS, DIVERGING_COLOURS = "viridis", "coolwarm"
 SCALE_SHADES: Final = 9
 """Between which the page mixes colours."""
 
-SHOWN_MEASURES: Final = ("groove_angle", "root_width", "depth")
+MEASURES_COLOURED_BY: Final = ("groove_angle", "root_width", "depth")
 """Measures that the groove is coloured by."""
 
 
@@ -85,7 +85,7 @@ def _section_quantities(data: ReportData) -> Iterator[dict[str, Any]]:
             rows = np.nan_to_num(1e3 * deviation.distances.reshape(-1, 3), nan=-1).max(axis=1)
             yield _section_quantity(deviation.kind, "mm", np.where(rows < 0, np.nan, rows))
     for field, values, sigmas in measure_columns(data.sections):
-        if field.name in SHOWN_MEASURES:
+        if field.name in MEASURES_COLOURED_BY:
             symbol = UNIT_SYMBOLS.get(field.unit.suffix, field.unit.suffix)
             yield _section_quantity(field.name_in_words, symbol, values, sigmas)
     opening = 1e3 * np.array([section.root_opening for section in data.sections])
@@ -102,7 +102,7 @@ def _section_quantity(
     known = values[~np.isnan(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     limits = (round(low, 4), round(max(high, low + 1e-3), 4))
-    return _quantity_with_scale(name, unit, limits, SEQUENTIAL) | {
+    return _quantity_with_scale(name, unit, limits, SEQUENTIAL_COLOURS) | {
         "values": [None if np.isnan(value) else round(float(value), 4) for value in values],
         "sigmas": None if sigmas is None else [round(float(sigma), 4) for sigma in sigmas],
     }
@@ -121,7 +121,7 @@ def _point_deviation_quantity(deviation: DeviationDistances) -> dict[str, Any]:
     """What points are coloured by."""
     scale = round(deviation_scale_mm(deviation), 3)
     limits = (-scale if deviation.signed else 0.0, scale)
-    colours = DIVERGING if deviation.signed else SEQUENTIAL
+    colours = DIVERGING_COLOURS if deviation.signed else SEQUENTIAL_COLOURS
     return _quantity_with_scale(f"deviation, {deviation.kind}", "mm", limits, colours)
 
 
@@ -157,7 +157,7 @@ def _ghost_of_joint(joint: JointDefinition | None) -> dict[str, Any] | None:
     """The joint as designed, if known: triangles, and the lines of its edges and rings."""
     if joint is None:
         return None
-    vertices, triangles = ghost_of_joint(joint)
+    vertices, triangles = joint_ghost_mesh(joint)
     lines = [_rounded_mm(line[::3], 1) for line in joint_wireframe(joint) if len(line) > 2]
     return {"vertices": _rounded_mm(vertices, 1), "triangles": triangles.tolist(), "lines": lines}
 

@@ -20,11 +20,11 @@ from tjscan.report.drawings import draw_sections
 from tjscan.report.picture import MOST_LISTED_EVENTS, load_template
 from tjscan.report.profiles import draw_fitted_profiles
 from tjscan.report.view3d import groove_view_data
-from tjscan.result.chapter import ReportSheet
+from tjscan.result.chapter import ReportChapter, ReportSheet
 from tjscan.result.directory import job_label_of_run
 from tjscan.result.picture import write_png
 from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS
-from tjscan.runs.tasks import page_of_task, task_with_own_page
+from tjscan.runs.tasks import task_with_own_page
 
 ALIGNMENT_METHOD_TEXTS: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
@@ -57,8 +57,10 @@ def render_report_page(data: ReportData) -> str:
     provenance = Provenance.for_file_written_now(job_label_of_run(*folders), data.summary.frame)
     several = len(data.places) > 1
     scans = [(place.name, place.summary) for place in data.places if several]
+    events = [(place.name, event) for place in data.places for event in place.events]
+    method = "none" if comparison is None else comparison.alignment.method
     return load_template("report.html.jinja").render(
-        name=data.run_name,
+        name=data.directory.resolve().name,
         summary=data.summary,
         headline=list(findings.headline_numbers(data)),
         joint=_joint_in_words(data.joint),
@@ -73,13 +75,9 @@ def render_report_page(data: ReportData) -> str:
         by_the_clock=data.unwrapped_azimuths is not None,
         comparison=comparison,
         compared_with="" if comparison is None else findings.name_of_reference(comparison),
-        aligned_by=ALIGNMENT_METHOD_TEXTS[
-            "none" if comparison is None else comparison.alignment.method
-        ],
+        aligned_by=ALIGNMENT_METHOD_TEXTS[method],
         scans=[*scans, ("all" if several else "scan", data.summary)],
-        events=[(place.name, event) for place in data.places for event in place.events][
-            :MOST_LISTED_EVENTS
-        ],
+        events=events[:MOST_LISTED_EVENTS],
         stitching=stitching,
         measures=_measure_rows(data),
         provenance=provenance.header_entries,
@@ -100,8 +98,8 @@ def _measure_rows(data: ReportData) -> list[tuple[str, ...]]:
     """A row for each measure of the groove: smallest, mean, largest, median standard deviation."""
     table = []
     for field, sigma in zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True):
-        values = field.values(data.sections)
-        spread = np.median(sigma.values(data.sections))
+        values = field.values_in_file_units(data.sections)
+        spread = np.median(sigma.values_in_file_units(data.sections))
         numbers = (f"{value:.2f}" for value in (values.min(), values.mean(), values.max()))
         table.append((field.chart_title, *numbers, f"{spread:.2g}"))
     return table
@@ -151,7 +149,7 @@ def write_run_report(
     """
     sheet: ReportSheet | None = None
     if (task := task_with_own_page(directory)) is not None:
-        chapter = page_of_task(task)(directory)
+        chapter: ReportChapter = task.load("page")(directory)
         sheet = chapter.sheet
         page = render_chapter_page(chapter, task.name.capitalize(), directory)
     else:

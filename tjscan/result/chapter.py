@@ -98,8 +98,7 @@ class PlaneAnimation:
                 asdict(line) | {"points": _rows_in_whole_mm(line.points)} for line in self.lines
             ],
             "discs": [
-                asdict(discs) | {"circles": _rows_in_whole_mm(discs.circles)}
-                for discs in self.discs
+                asdict(one) | {"circles": _rows_in_whole_mm(one.circles)} for one in self.discs
             ],
             "values": [
                 {"name": name, "at": [None if v != v else round(v, 3) for v in values.tolist()]}
@@ -192,7 +191,7 @@ class ReportChapter:
     events : tuple of RunEvent
         In their order.
     sheet : ReportSheet or None
-        Where its page is a single sheet.
+        If its page is a single sheet.
     animation : PlaneAnimation or None
         What moved, for the reader to scrub through.
     profiles : mapping of int to Profile

@@ -1,4 +1,4 @@
-"""The groove's direction and the surfaces' normals, from sections that lie across it.
+"""The groove's direction and the surfaces' normals, from sections that are across it.
 
 A section's own plane is turned from the groove's normal plane by about the pull angle, and so are
 the axes of its frame g. A torch needs the groove's true direction, which only neighbouring
@@ -21,7 +21,7 @@ NEIGHBOUR_DISTANCE: Final = 60e-3
 FEWEST_NEIGHBOURS: Final = 5
 """Fewest sections that count, itself included, if there are as many."""
 
-POLYNOMIAL_DEGREE: Final = 3
+TANGENT_POLYNOMIAL_DEGREE: Final = 3
 """Of the polynomial through them: a tube's edge bends, and bends differently along its way."""
 
 NEIGHBOUR_WEIGHT_SIGMA: Final = 0.4
@@ -84,7 +84,7 @@ def tangents_along_line(points: Array, x: Array) -> Array:
     Parameters
     ----------
     points : ndarray, shape (n, 3)
-        In their order along the line; closed if the last lies about a step from the first.
+        In their order along the line; closed if the last is about a step from the first.
     x : ndarray, shape (n, 3)
         To whose side each direction goes.
 
@@ -115,7 +115,7 @@ def _local_slope(s: Array, points: Array, i: int) -> Array:
     near = away <= reach
     u = (s[near] - s[i]) / reach
     weights = np.exp(-0.5 * (u / NEIGHBOUR_WEIGHT_SIGMA) ** 2)[:, None]
-    degree = min(POLYNOMIAL_DEGREE, len(np.unique(u)) - 1)
+    degree = min(TANGENT_POLYNOMIAL_DEGREE, len(np.unique(u)) - 1)
     powers = u[:, None] ** np.arange(degree + 1)
     coefficients, *_ = np.linalg.lstsq(weights * powers, weights * points[near])
     return np.asarray(coefficients[1])

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -16,16 +15,15 @@ from pydantic import BaseModel, create_model
 from pydantic import Field as Described
 
 from tjscan.core.config import StrictFileModel
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError, explain_missing_package
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import SECTIONS_FILE, job_label_of_run
-from tjscan.result.ply import sections_to_ply
 from tjscan.result.section import SECTION_FIELDS, SectionQuantity
 from tjscan.result.shapes import read_finished_sections
-from tjscan.result.table import sections_to_csv
+from tjscan.result.table import sections_to_csv, sections_to_ply
 
 
 class SectionFieldDescription(StrictFileModel):
@@ -97,10 +95,8 @@ def build_sections_document(
             "calibration": calibration,
             "provenance": provenance,
             "fields": {
-                field.name: SectionFieldDescription(
-                    unit=field.unit_for_lengths(unit).suffix, meaning=field.meaning
-                )
-                for field in SECTION_FIELDS
+                one.name: {"unit": one.unit_for_lengths(unit).suffix, "meaning": one.meaning}
+                for one in SECTION_FIELDS
             },
             "sections": [dict(zip(columns, row, strict=True)) for row in rows],
         }
@@ -125,7 +121,7 @@ def _json_values(
 
 Format = Literal["csv", "ply", "json", "weldx"]
 
-EXPORT_STEM: Final = "export"
+EXPORT_FILE_STEM: Final = "export"
 """Name of the file in the run directory, if none is given."""
 
 
@@ -161,7 +157,7 @@ def export_run(
         )
     run, calibration = directory.resolve().name, summary.calibration
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, units)
-    file = out or directory / f"{EXPORT_STEM}.{to}"
+    file = out or directory / f"{EXPORT_FILE_STEM}.{to}"
     if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError("is no file in a folder that exists", file=file, key="--out")
     with write_files_atomically(file.parent) as draft:
@@ -207,11 +203,8 @@ def write_weldx(
     ConfigurationError
         If the extra is not installed.
     """
-    if find_spec("weldx") is None:
-        raise ConfigurationError(
-            "weldx files need an extra package: pip install 'tjscan[weldx]'", key="--to"
-        )
-    weldx: Any = import_module("weldx")
+    with explain_missing_package("a weldx file", "weldx", "--to"):
+        weldx: Any = import_module("weldx")
     unit = provenance.length
     per_metre = 1e3 if unit == "mm" else 1.0
     root = WELDX_ROOT_FRAME_NAMES.get(provenance.frame, provenance.frame)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +28,9 @@ IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
 
 UNIT_SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
 CORNER_NUMBERS: Final = (2, 3, 4)
+ZERO_OR_MORE: Final = (0.0, np.inf)
+"""Bounds of a quantity that may be zero or more."""
+
 WORD_SEPARATOR: Final = "; "
 """What separates several words of one text."""
 
@@ -35,6 +39,9 @@ TakeValues = Callable[[Sequence[MeasuredSection]], Any]
 
 SINGLE_NUMBER_FIELDS: Final = ("azimuth", "work_angle", "rms", "model_probability", "root_opening")
 """Fields of a section that are a number each."""
+
+WORD_FIELDS: Final = ("conditions", "absent")
+"""Fields of a section that are several words each."""
 
 UPPER_TRIANGLE: Final = np.triu_indices(3)
 MEASURE_PAIRS: Final = np.triu_indices(4, 1)
@@ -61,16 +68,16 @@ class SectionQuantity:
         Of the value of one section.
     decimals : int or None
         That are printed in millimetres and degrees; None for six significant digits.
-    least, most : float
-        Bounds of a file's value.
+    bounds : tuple of float
+        Least and largest value that a file may hold.
     derived : bool
         Whether it follows from the other fields.
     text : bool
         Whether its value is a text; several words of one are joined by ``; ``.
-    blank : bool
-        Whether it may be left empty.
     later : bool
         Whether files of earlier versions lack it: it counts as left empty there.
+    blank : bool
+        Whether it may be left empty, as what is lacking in earlier versions always may.
     """
 
     name: str
@@ -80,15 +87,15 @@ class SectionQuantity:
     labels: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
     decimals: int | None = 4
-    least: float = -np.inf
-    most: float = np.inf
+    bounds: tuple[float, float] = (-np.inf, np.inf)
     derived: bool = False
     text: bool = False
-    blank: bool = False
     later: bool = False
+    blank: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", self.labels or (self.name,))
+        object.__setattr__(self, "blank", self.blank or self.later)
 
     @property
     def name_in_words(self) -> str:
@@ -110,7 +117,7 @@ class SectionQuantity:
         suffix = self.unit_for_lengths(length).suffix
         return tuple(f"{label}_{suffix}" if suffix else label for label in self.labels)
 
-    def raw_values(self, sections: Sequence[MeasuredSection]) -> NDArray[Any]:
+    def values_in_si_units(self, sections: Sequence[MeasuredSection]) -> NDArray[Any]:
         """The quantity's values of sections, numbers in SI units; several words are joined."""
         if self.take is not None:
             return np.asarray(self.take(sections))
@@ -119,9 +126,9 @@ class SectionQuantity:
             found = [one if isinstance(one, str) else WORD_SEPARATOR.join(one) for one in found]
         return np.array(found)
 
-    def values(self, sections: Sequence[MeasuredSection]) -> Array:
+    def values_in_file_units(self, sections: Sequence[MeasuredSection]) -> Array:
         """The quantity's values of sections, in millimetres and degrees."""
-        return np.asarray(self.raw_values(sections) / self.unit.factor)
+        return np.asarray(self.values_in_si_units(sections) / self.unit.factor)
 
     def formatted_columns(
         self, sections: Sequence[MeasuredSection], length: LengthUnit = "mm"
@@ -131,7 +138,7 @@ class SectionQuantity:
         decimals = self.decimals
         if decimals is not None:
             decimals += round(np.log10(unit.factor / self.unit.factor))
-        rows = self.raw_values(sections).reshape(len(sections), len(self.labels))
+        rows = self.values_in_si_units(sections).reshape(len(sections), len(self.labels))
         return [
             [_formatted_value(value, unit.factor, decimals) for value in row]
             for row in rows.tolist()
@@ -184,7 +191,7 @@ def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
     """
     columns: dict[str, Any] = {}
     for field in (one for one in SECTION_FIELDS if len(sections) > 1 or not one.derived):
-        values = field.raw_values(sections)
+        values = field.values_in_si_units(sections)
         if field.unit is not NO_UNIT:
             values = values / field.unit.factor
         rows = values.reshape(len(sections), len(field.labels))
@@ -202,8 +209,8 @@ def measure_columns(
     rootless = absent_corners(sections).any(axis=1)
     columns = []
     for k, (field, sigma) in enumerate(zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True)):
-        values = np.where(rootless & (k > 0), np.nan, field.values(sections))
-        columns.append((field, values, sigma.values(sections)))
+        values = np.where(rootless & (k > 0), np.nan, field.values_in_file_units(sections))
+        columns.append((field, values, sigma.values_in_file_units(sections)))
     return columns
 
 
@@ -222,10 +229,11 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     covariances = np.empty((3, 3, 3))
     covariances[:, *UPPER_TRIANGLE] = values["covariances"]
     covariances[:, *UPPER_TRIANGLE[::-1]] = covariances[:, *UPPER_TRIANGLE]
+    words = {name: str(values[name]).split(WORD_SEPARATOR) for name in ("conditions", "absent")}
     plain: dict[str, Any] = {
         **{name: float(values[name]) for name in SINGLE_NUMBER_FIELDS},
         **{name: str(values[name]) for name in ("station", "model")},
-        **{name: _split_words(values[name]) for name in ("conditions", "absent")},
+        **{name: tuple(filter(None, found)) for name, found in words.items()},
     }
     return MeasuredSection(
         index=int(values["index"]),
@@ -239,20 +247,21 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     )
 
 
-def _split_words(text: str) -> tuple[str, ...]:
-    return tuple(text.split(WORD_SEPARATOR)) if text else ()
-
-
 def _text_field(name: str, meaning: str) -> SectionQuantity:
     """A text that files of earlier versions lack."""
-    return SectionQuantity(name, meaning, NO_UNIT, text=True, blank=True, later=True)
+    return SectionQuantity(name, meaning, NO_UNIT, text=True, later=True)
+
+
+def _sigma_field(name: str, meaning: str, unit: FileUnit, **more: Any) -> SectionQuantity:
+    """Standard deviations, printed with six significant digits."""
+    return SectionQuantity(name, meaning, unit, decimals=None, bounds=ZERO_OR_MORE, **more)
 
 
 def _entry_getter(name: str, k: int) -> TakeValues:
     return lambda sections: np.array([getattr(section, name)[k] for section in sections])
 
 
-def _correlations_getter(sections: Sequence[MeasuredSection]) -> Array:
+def _measure_correlations(sections: Sequence[MeasuredSection]) -> Array:
     """Correlations of pairs of measures, shape (n, 6); zero if nothing varies."""
     covariances = np.array([s.measure_covariance[MEASURE_PAIRS] for s in sections]).reshape(-1, 6)
     scales = np.reshape([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections], (-1, 6))
@@ -261,13 +270,12 @@ def _correlations_getter(sections: Sequence[MeasuredSection]) -> Array:
     return np.asarray(np.clip(ratios, -1, 1))
 
 
-def _direction_getter(name: str) -> TakeValues:
-    return lambda sections: getattr(section_directions(sections), name)
-
-
 def _unit_vector_field(name: str, meaning: str, side: str) -> SectionQuantity:
-    labels, take = tuple(f"{name}_{axis}" for axis in "xyz"), _direction_getter(side)
-    return SectionQuantity(name, meaning, NO_UNIT, take, labels, (3,), 7, -1, 1, derived=True)
+    def take(sections: Sequence[MeasuredSection]) -> Any:
+        return getattr(section_directions(sections), side)
+
+    labels = tuple(f"{name}_{axis}" for axis in "xyz")
+    return SectionQuantity(name, meaning, NO_UNIT, take, labels, (3,), 7, (-1, 1), derived=True)
 
 
 MEASURE_MEANINGS: Final = {
@@ -275,7 +283,7 @@ MEASURE_MEANINGS: Final = {
     "root_width": (
         MM,
         "distance between p3 and p4: across the face of the root bead, or of the root opening "
-        "where no bead is laid yet",
+        "if no bead is laid yet",
     ),
     "depth": (MM, "distance of the middle of p3 and p4 behind the brace's wall"),
     "area": (MM2, "of the quadrilateral of the origin of g, p2, p3 and p4"),
@@ -288,30 +296,29 @@ MEASURE_FIELDS: Final = tuple(
 )
 """What a section measures, in the order of `MeasuredSection.measures`."""
 
+MEASURE_NAME_PAIRS: Final = tuple(combinations(MEASURE_MEANINGS, 2))
+"""Names of two measures each, in the order of `MEASURE_PAIRS`."""
+
 SIGMA_FIELDS: Final = tuple(
-    SectionQuantity(
-        f"sigma_{name}",
-        f"standard deviation of {name}",
-        unit,
-        _entry_getter("sigmas", k),
-        decimals=None,
-        least=0,
+    _sigma_field(
+        f"sigma_{name}", f"standard deviation of {name}", unit, take=_entry_getter("sigmas", k)
     )
     for k, (name, (unit, _)) in enumerate(MEASURE_MEANINGS.items())
 )
 """Standard deviations of the measures, in the same order."""
 
 SECTION_FIELDS: Final = (
-    SectionQuantity("index", "number of the section in its scan", NO_UNIT, decimals=0, least=0),
+    SectionQuantity(
+        "index", "number of the section in its scan", NO_UNIT, decimals=0, bounds=ZERO_OR_MORE
+    ),
     SectionQuantity(
         "station", "from where it was scanned; several joined by +", NO_UNIT, text=True
     ),
     SectionQuantity(
         "azimuth",
-        "about the brace's axis from the crown; empty where no joint is known",
+        "about the brace's axis from the crown; empty if no joint is known",
         DEG,
-        least=-360,
-        most=360,
+        bounds=(-360, 360),
         blank=True,
     ),
     SectionQuantity(
@@ -331,7 +338,9 @@ SECTION_FIELDS: Final = (
     ),
     *MEASURE_FIELDS,
     SectionQuantity("work_angle", "from z of g to the middle of the groove angle", DEG),
-    SectionQuantity("rms", "of the profile's points about the fitted sides", MM, least=0),
+    SectionQuantity(
+        "rms", "of the profile's points about the fitted sides", MM, bounds=ZERO_OR_MORE
+    ),
     SectionQuantity(
         "origin",
         "of frame g, where the lines along wall and leg meet",
@@ -348,27 +357,18 @@ SECTION_FIELDS: Final = (
         tuple(f"{name}_{axis}" for name in ("xg", "yg", "zg") for axis in "xyz"),
         (3, 3),
         7,
-        least=-1,
-        most=1,
+        bounds=(-1, 1),
     ),
     *SIGMA_FIELDS,
     SectionQuantity(
         "correlations",
-        "of pairs of measures: "
-        + ", ".join(
-            f"{MEASURE_FIELDS[a].name} and {MEASURE_FIELDS[b].name}"
-            for a, b in zip(*MEASURE_PAIRS, strict=True)
-        ),
+        "of pairs of measures: " + ", ".join(f"{a} and {b}" for a, b in MEASURE_NAME_PAIRS),
         NO_UNIT,
-        _correlations_getter,
-        tuple(
-            f"corr_{MEASURE_FIELDS[a].name}_{MEASURE_FIELDS[b].name}"
-            for a, b in zip(*MEASURE_PAIRS, strict=True)
-        ),
+        _measure_correlations,
+        tuple(f"corr_{a}_{b}" for a, b in MEASURE_NAME_PAIRS),
         (6,),
         5,
-        least=-1,
-        most=1,
+        bounds=(-1, 1),
     ),
     SectionQuantity(
         "covariances",
@@ -385,14 +385,12 @@ SECTION_FIELDS: Final = (
         (3, 6),
         None,
     ),
-    SectionQuantity(
+    _sigma_field(
         "corner_sigmas",
         "standard deviation of the places of p2, p3 and p4, all directions together",
         MM,
         labels=tuple(f"sigma_p{i}" for i in CORNER_NUMBERS),
         shape=(3,),
-        decimals=None,
-        least=0,
         derived=True,
     ),
     _unit_vector_field(
@@ -416,30 +414,24 @@ SECTION_FIELDS: Final = (
         "model_probability",
         "probability that the groove has this form, not another one of the same joint",
         NO_UNIT,
-        least=0,
-        most=1,
-        blank=True,
+        bounds=(0, 1),
         later=True,
     ),
     SectionQuantity(
         "root_opening",
-        "distance of an open root's edge from the leg, empty where the root is not open; its "
+        "distance of an open root's edge from the leg, empty if the root is not open; its "
         "standard deviation is sigma_root_width",
         MM,
-        least=0,
-        blank=True,
+        bounds=ZERO_OR_MORE,
         later=True,
     ),
-    SectionQuantity(
+    _sigma_field(
         "shared_sigmas",
         "part of corner_sigmas that all sections of a scan share: they err alike by it; see "
         "uncertainty.json",
         MM,
         labels=tuple(f"sigma_shared_p{i}" for i in CORNER_NUMBERS),
         shape=(3,),
-        decimals=None,
-        least=0,
-        blank=True,
         later=True,
     ),
 )

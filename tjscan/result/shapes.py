@@ -12,7 +12,7 @@ from tjscan.comparison.shapes import Shape, UnitAndFrame, UserUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import refuse_links_outside
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.root import WELD_IN_GROOVE
 from tjscan.result.directions import section_directions
@@ -41,7 +41,7 @@ def read_shape(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
         return read_run_shape(path)
     if path.name == CLOUD_FILE and (path.parent / SUMMARY_FILE).is_file():
         frame = read_summary(path.parent / SUMMARY_FILE).frame
-        check_as_written(path)
+        check_files_unaltered(path)
         shape = read_file(path, UserUnitAndFrame("mm", frame))
         return replace(shape, stated=UnitAndFrame("mm", f"the {SUMMARY_FILE} beside it", frame))
     return read_file(path, options)
@@ -103,7 +103,7 @@ def read_run_shape(directory: Path) -> Shape:
     sections = read_sections_csv(directory / SECTIONS_FILE)
     if not sections:
         raise ConfigurationError("holds no section", file=directory / SECTIONS_FILE)
-    check_as_written(directory / CLOUD_FILE)
+    check_files_unaltered(directory / CLOUD_FILE)
     cloud = read_file(directory / CLOUD_FILE, UserUnitAndFrame("mm", frame))
     welded = [WELD_IN_GROOVE in section.conditions for section in sections]
     return Shape(

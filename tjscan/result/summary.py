@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Self
@@ -11,7 +12,7 @@ import numpy as np
 from pydantic_core import to_json
 
 from tjscan.comparison.distance import DistanceStatistics
-from tjscan.core.config import read_json_as_written
+from tjscan.core.config import read_unaltered_json
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
@@ -42,16 +43,8 @@ LOOP_OPEN_TEXT: Final = (
 Triple = tuple[float, float, float]
 
 SUMMED_SUMMARY_KEYS: Final = (
-    "scans",
-    "half_steps",
-    "flange_travel_mm",
-    "flange_rotation_deg",
-    "motion_time_s",
-    "corrections_skipped",
-    "taken_again",
-    "merged",
-    "nudges",
-    "retreats",
+    *("scans", "half_steps", "corrections_skipped", "taken_again", "merged", "nudges", "retreats"),
+    *("flange_travel_mm", "flange_rotation_deg", "motion_time_s"),
 )
 """Numbers of a stitched groove that are sums over its stations."""
 
@@ -237,7 +230,7 @@ def read_summary(file: Path) -> ScanSummary:
     RecordingError
         If it is not as it was written.
     """
-    return read_json_as_written(ScanSummary, file, MOST_SUMMARY_BYTES, "summary of a scan")
+    return read_unaltered_json(ScanSummary, file, MOST_SUMMARY_BYTES, "summary of a scan")
 
 
 def check_recording_complete(directory: Path, summary: ScanSummary, sections: int) -> None:
@@ -296,7 +289,7 @@ class StationPlacement:
     Parameters
     ----------
     name, source : str
-        Which, and its run directory, seen from that of the stitched run.
+        Which, and its run directory, seen from the stitched run's.
     position_mm, euler_zyx_deg : tuple of float
         Its base in frame j.
     sigma_position_mm, sigma_rotation_deg : tuple of float
@@ -443,7 +436,7 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
     file = directory / STATIONS_FILE
     if not file.is_file():
         return None
-    return read_json_as_written(
+    return read_unaltered_json(
         StitchingReport, file, MOST_STITCHING_REPORT_BYTES, "report of a stitching"
     )
 
@@ -479,16 +472,11 @@ class BudgetFile:
 
 def write_budget(file: Path, budget: UncertaintyBudget, provenance: Provenance) -> None:
     """Write ``uncertainty.json``: the whole of a budget, so that correlations can be computed."""
-    components = [
-        ComponentInFile(
-            one.name,
-            one.evidence,
-            one.is_shared,
-            _rounded_lists(one.points / MM.factor),
-            _rounded_lists(one.measures / _MEASURE_UNITS[:, None]),
-        )
-        for one in budget.components
-    ]
+    components = []
+    for one in budget.components:
+        values = one.points / MM.factor, one.measures / _MEASURE_UNITS[:, None]
+        lists = map(_rounded_lists, values)
+        components.append(ComponentInFile(one.name, one.evidence, one.is_shared, *lists))
     file.write_bytes(to_json(BudgetFile(provenance, COVERAGE_FACTOR, components)) + b"\n")
 
 
@@ -516,20 +504,14 @@ def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
     """
     if not file.is_file():
         return None
-    found = read_json_as_written(BudgetFile, file, MOST_BUDGET_BYTES, "budget of uncertainty")
-    try:
-        parts = tuple(
-            BudgetComponent(
-                one.name,
-                one.evidence,
-                one.shared,
-                np.reshape(one.points_mm, (count, 5, 3, -1)) * MM.factor,
-                np.reshape(one.measures, (count, 4, -1)) * _MEASURE_UNITS[:, None],
-            )
-            for one in found.components
-        )
-    except ValueError:
-        parts = ()
-    if not parts or any(one.points.shape[-1] != one.measures.shape[-1] for one in parts):
+    found = read_unaltered_json(BudgetFile, file, MOST_BUDGET_BYTES, "budget of uncertainty")
+    parts = []
+    with suppress(ValueError):
+        for one in found.components:
+            points = np.reshape(one.points_mm, (count, 5, 3, -1)) * MM.factor
+            measures = np.reshape(one.measures, (count, 4, -1)) * _MEASURE_UNITS[:, None]
+            parts.append(BudgetComponent(one.name, one.evidence, one.shared, points, measures))
+    alike = (one.points.shape[-1] == one.measures.shape[-1] for one in parts)
+    if not parts or len(parts) < len(found.components) or not all(alike):
         raise ConfigurationError(f"is not of the {count} sections beside it", file=file)
-    return UncertaintyBudget(parts)
+    return UncertaintyBudget(tuple(parts))

@@ -1,4 +1,4 @@
-"""Tables of sections as CSV: lines that state where the file comes from, then a row per section."""
+"""Sections in files: ``sections.csv``, and the points of clouds and sections as PLY."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import (
@@ -103,7 +103,7 @@ def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
     """
     try:
         check_file_size(file, MOST_TABLE_BYTES, "sections")
-        check_as_written(file)
+        check_files_unaltered(file)
         with file.open(newline="", encoding="utf-8-sig") as stream:
             above = 0
             while (line := stream.readline()).startswith(COMMENT_MARK):
@@ -130,15 +130,17 @@ class _SectionRow:
     def __init__(self, file: Path, line: int, head: Sequence[str], cells: Sequence[str]) -> None:
         self._file, self._line = file, line
         if len(cells) != len(head):
-            raise self.error(f"{len(cells)} cells are under {len(head)} columns: it was cut off?")
+            raise self.row_error(
+                f"{len(cells)} cells are under {len(head)} columns: it was cut off?"
+            )
         self._cells = {name: cell.strip() for name, cell in zip(head, cells, strict=True)}
 
-    def error(self, message: str, column: str | None = None) -> ConfigurationError:
+    def row_error(self, message: str, column: str | None = None) -> ConfigurationError:
         """An error that states its line and column."""
         place = f"line {self._line}" + ("" if column is None else f", column {column}")
         return ConfigurationError(message, file=self._file, key=place)
 
-    def value(self, field: SectionQuantity) -> Array | str:
+    def field_value(self, field: SectionQuantity) -> Array | str:
         """A field's text, or numbers in SI units and of its shape; NaN if they are left empty."""
         columns = field.column_names()
         if field.blank and not self._cells.get(columns[0]):
@@ -150,7 +152,7 @@ class _SectionRow:
 
     def _filled_cell(self, column: str) -> str:
         if not (text := self._cells.get(column, "")):
-            raise self.error("is empty", column)
+            raise self.row_error("is empty", column)
         return text
 
     def _bounded_number(self, column: str, field: SectionQuantity) -> float:
@@ -159,9 +161,9 @@ class _SectionRow:
         try:
             value = float(text)
         except ValueError:
-            raise self.error(f"{text!r} is no number", column) from None
-        if not np.isfinite(value) or not field.least <= value <= field.most:
-            raise self.error(f"{text} can't be", column)
+            raise self.row_error(f"{text!r} is no number", column) from None
+        if not np.isfinite(value) or not field.bounds[0] <= value <= field.bounds[1]:
+            raise self.row_error(f"{text} can't be", column)
         return value
 
 
@@ -181,18 +183,89 @@ def _check_column_names(file: Path, line: int, head: Sequence[str]) -> None:
 
 def _section_of_row(row: _SectionRow) -> MeasuredSection:
     """The section of a line, its numbers checked."""
-    values = {field.name: row.value(field) for field in UNDERIVED_SECTION_FIELDS}
+    values = {field.name: row.field_value(field) for field in UNDERIVED_SECTION_FIELDS}
     index = float(values["index"])
     if index != int(index):
-        raise row.error(f"{index:g} is no whole number", "index")
+        raise row.row_error(f"{index:g} is no whole number", "index")
     R = np.asarray(values["axes"]).T
     if not np.allclose(R.T @ R, np.eye(3), atol=AXES_TOLERANCE) or np.linalg.det(R) < 0:
-        raise row.error(
-            "xg, yg and zg are no right-handed axes", FIELD_BY_NAME["axes"].column_names()[0]
-        )
+        column = FIELD_BY_NAME["axes"].column_names()[0]
+        raise row.row_error("xg, yg and zg are no right-handed axes", column)
     variances = np.asarray(values["covariances"])[:, VARIANCE_INDICES]
     if (bad := np.argwhere(variances < 0)).size:
         corner, axis = bad[0]
         column = FIELD_BY_NAME["covariances"].column_names()[6 * corner + VARIANCE_INDICES[axis]]
-        raise row.error("a variance is not negative", column)
+        raise row.row_error("a variance is not negative", column)
     return section_from_values(values)
+
+
+CORNER_NORMALS: Final = ("wall_normal", "wall_normal", "bevel_normal", "leg_normal", "leg_normal")
+"""Whose normal p1 to p5 are given: that of the surface they belong to."""
+
+PLY_SECTION_FIELDS: Final = (
+    *(("double", axis) for axis in "xyz"),
+    *(("float", f"n{axis}") for axis in "xyz"),
+    *(("float", f"tangent_{axis}") for axis in "xyz"),
+    ("float", "azimuth"),
+    ("float", "sigma"),
+    ("int", "section"),
+    ("uchar", "corner"),
+)
+
+
+def write_cloud_ply(file: Path, points: Array, provenance: Provenance) -> None:
+    """Write ``groove.ply``: points, shape (n, 3) in metres, as binary PLY in mm."""
+    properties = [("float", axis) for axis in "xyz"]
+    head = _ply_head("binary_little_endian", provenance, len(points), properties)
+    file.write_bytes(head + (1e3 * points).astype("<f4").tobytes())
+
+
+def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance) -> bytes:
+    """The five points of every section as PLY text, with normals, tangents and uncertainty.
+
+    `section` counts the sections from 0 and `corner` is 1 to 5 for p1 to p5. `sigma` is the
+    standard deviation of the point's place, all directions together, NaN for p1 and p5, which
+    are where the profile ends.
+
+    Parameters
+    ----------
+    sections : sequence of MeasuredSection
+        In their order along the groove.
+    provenance : Provenance
+        Is in the comments; its unit of length is the file's.
+    """
+    n = len(sections)
+
+    def printed(name: str) -> Array:
+        cells = FIELD_BY_NAME[name].formatted_columns(sections, provenance.length)
+        return np.array([[float(cell or "nan") for cell in row] for row in cells])
+
+    sigmas = np.full((n, 5), np.nan)
+    sigmas[:, 1:4] = printed("corner_sigmas")
+    normals = {name: printed(name) for name in dict.fromkeys(CORNER_NORMALS)}
+    columns = (
+        printed("points").reshape(-1, 3),
+        np.stack([normals[name] for name in CORNER_NORMALS], axis=1).reshape(-1, 3),
+        np.repeat(printed("tangent"), 5, axis=0),
+        np.repeat(printed("azimuth"), 5)[:, None],
+        sigmas.reshape(-1, 1),
+        np.repeat(np.arange(n), 5)[:, None],
+        np.tile(np.arange(1, 6), n)[:, None],
+    )
+    lines = [" ".join(f"{value:.10g}" for value in row) for row in np.hstack(columns)]
+    head = _ply_head("ascii", provenance, 5 * n, PLY_SECTION_FIELDS)
+    return head + "\n".join([*lines, ""]).encode()
+
+
+def _ply_head(
+    form: str, provenance: Provenance, count: int, properties: Sequence[tuple[str, str]]
+) -> bytes:
+    lines = [
+        "ply",
+        f"format {form} 1.0",
+        provenance.comment_lines("comment").rstrip("\n"),
+        f"element vertex {count}",
+        *(f"property {kind} {name}" for kind, name in properties),
+        "end_header\n",
+    ]
+    return "\n".join(lines).encode("ascii", errors="replace")

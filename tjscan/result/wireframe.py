@@ -64,7 +64,7 @@ STEPS_AROUND_BRACE: Final = 144
 """Steps about the brace: within 0.06 mm of a circle of 228.6 mm radius, for the eye."""
 
 
-def ghost_of_joint(joint: JointDefinition) -> tuple[Array, NDArray[np.intp]]:
+def joint_ghost_mesh(joint: JointDefinition) -> tuple[Array, NDArray[np.intp]]:
     """Triangles of the leg's outside, and of the brace's groove and outside as far as it is near.
 
     Parameters

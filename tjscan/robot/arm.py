@@ -146,7 +146,7 @@ def await_rest(
         if moment > until:
             raise ArmFault(
                 f"the arm does not come to rest: it still moved after {REST_TIMEOUT:g} s. Let it "
-                "stand, leave freedrive, then start again."
+                "rest, leave freedrive, then start again."
             )
 
 
@@ -161,7 +161,7 @@ def check_arm_has_not_moved(before: ArmState, after: ArmState) -> None:
     if (angle := largest_joint_rotation(before, after)) > LARGEST_TURN_AT_REST:
         raise ArmFault(
             f"the arm moved while the laser looked: a joint turned by {np.degrees(angle):.2f} "
-            "deg. Let it stand, leave freedrive, then start again."
+            "deg. Let it rest, leave freedrive, then start again."
         )
 
 

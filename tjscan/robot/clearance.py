@@ -18,7 +18,7 @@ PATH_CHECK_RESOLUTION: Final = 1e-3
 """Metres that bodies may come nearer between two looks at a path: by half of it, at most, they
 come nearer than their margin unseen."""
 
-SLIGHT_APPROACH: Final = 1e-4
+ALLOWED_APPROACH: Final = 1e-4
 """Metres by which a path that begins within a margin may come nearer still."""
 
 
@@ -153,10 +153,10 @@ class ClearPathPlanner:
     def _find_first_contact(self, walk: _DistancesOnPath) -> tuple[Array, float | None]:
         """Least distances of a walk, and the first s at which one is less, or None."""
         start, margins = walk.distances(0.0), self._margins_of_pairs
-        least = np.where(start < margins, np.maximum(start - SLIGHT_APPROACH, 0.0), margins)
+        least = np.where(start < margins, np.maximum(start - ALLOWED_APPROACH, 0.0), margins)
         if (start < least).any():
             return least, 0.0
-        return least, walk.first_place_below(
+        return least, walk.first_place_nearer_than(
             least, (0.0, start), (walk.end, walk.distances(walk.end))
         )
 
@@ -173,7 +173,7 @@ class _DistancesOnPath:
     def distances(self, s: float) -> Array:
         return self._model.distances(_interpolate_rows(self._path, s))
 
-    def first_place_below(
+    def first_place_nearer_than(
         self, least: Array, from_: tuple[float, Array], to: tuple[float, Array]
     ) -> float | None:
         """First s at which a distance falls below `least`, looking no closer than needed.
@@ -191,8 +191,8 @@ class _DistancesOnPath:
             return s_1 if (d_1 < least).any() else None
         s = (s_0 + s_1) / 2
         middle = (s, self.distances(s))
-        found = self.first_place_below(least, from_, middle)
-        return self.first_place_below(least, middle, to) if found is None else found
+        found = self.first_place_nearer_than(least, from_, middle)
+        return self.first_place_nearer_than(least, middle, to) if found is None else found
 
 
 def _interpolate_rows(values: Array, s: float) -> Array:

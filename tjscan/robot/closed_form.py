@@ -14,13 +14,36 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, array_dataclass, pose, rot_x, rot_z
 
 COSINE_ROUNDING: Final = 1e-7
 """How far beyond 1 a sine or cosine may be and still be the border of the reach."""
 
 WRIST_SINGULARITY_SINE: Final = 1e-9
 """Below this |sin(q5)| the axes 4 and 6 are parallel, and only their sum is given."""
+
+
+@array_dataclass
+class DhParameters:
+    """Standard DH parameters: frame i is Rz(theta + q) Tz(d) Tx(a) Rx(alpha) in frame i - 1.
+
+    Parameters
+    ----------
+    theta, a, d, alpha : ndarray, shape (6,)
+        Radians and metres.
+    """
+
+    theta: Array
+    a: Array
+    d: Array
+    alpha: Array
+
+    def forward(self, q: Array) -> Array:
+        """Pose of frame 6 in frame 0, shape (4, 4), for joint angles, shape (6,), in radians."""
+        T = np.eye(4)
+        for angle, a, d, alpha in zip(self.theta + q, self.a, self.d, self.alpha, strict=True):
+            T = T @ pose(rot_z(angle), (0.0, 0.0, d)) @ pose(rot_x(alpha), (a, 0.0, 0.0))
+        return T
 
 
 @dataclass(frozen=True, slots=True)

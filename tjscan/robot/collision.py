@@ -20,16 +20,16 @@ from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import Box, Capsule, Cylinder, Solid, SolidShape
 
-ANY_TOOL_SOLID: Final = "tool"
-"""Stands for every solid the arm carries where pairs are ignored."""
+NAME_OF_ALL_TOOL_SOLIDS: Final = "tool"
+"""Name for every solid the arm carries, in pairs that are ignored."""
 
 SCANNED_GROOVE_NAME: Final = "scanned groove"
 """What a refusal calls the surface that has been measured."""
 
-IGNORED_PAIRS: Final = (
+IGNORED_COLLISION_PAIRS: Final = (
     ("forearm_link", "wrist_3_link"),
     ("wrist_1_link", "wrist_3_link"),
-    ("wrist_1_link", ANY_TOOL_SOLID),
+    ("wrist_1_link", NAME_OF_ALL_TOOL_SOLIDS),
 )
 """Pairs of a Universal Robots arm whose capsules overlap though the arm's own bodies, which are
 slimmer there, pass each other; an assumption about what is carried, too."""
@@ -83,7 +83,8 @@ class CollisionModel:
     self_collision : bool, optional
         Whether the arm and what it carries are kept from each other.
     ignored : iterable of (str, str), optional
-        Pairs of links, or a link and ``tool``, that are never looked at, beside `IGNORED_PAIRS`.
+        Pairs of links, or a link and ``tool``, that are never looked at, beside
+        `IGNORED_COLLISION_PAIRS`.
 
     Attributes
     ----------
@@ -112,7 +113,7 @@ class CollisionModel:
     ) -> None:
         self._kinematics = kinematics
         self._data = kinematics.model.createData()
-        self._ignored = {frozenset(pair) for pair in (*IGNORED_PAIRS, *ignored)}
+        self._ignored = {frozenset(pair) for pair in (*IGNORED_COLLISION_PAIRS, *ignored)}
         self._self_collision = self_collision
         self._arm = [
             *_link_bodies(kinematics),
@@ -232,7 +233,7 @@ def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]
     ConfigurationError
         With the nearest name there is.
     """
-    known = (*kinematics.link_names, ANY_TOOL_SOLID)
+    known = (*kinematics.link_names, NAME_OF_ALL_TOOL_SOLIDS)
     for name in (name for pair in pairs for name in pair if name not in known):
         raise ConfigurationError(f"no link {name!r}; did you mean: {nearest_word(name, known)}?")
 
@@ -279,7 +280,7 @@ def _carried_body(kinematics: Kinematics, solid: Solid) -> _CollisionBody:
     frame = kinematics.model.frames[flange]
     placement = frame.placement * pin.SE3(np.asarray(solid.T))
     geometry = pin.GeometryObject(solid.name, frame.parentJoint, flange, placement, shape)
-    return _CollisionBody(geometry, solid.name, ANY_TOOL_SOLID)
+    return _CollisionBody(geometry, solid.name, NAME_OF_ALL_TOOL_SOLIDS)
 
 
 def _fixed_body(kinematics: Kinematics, solid: Solid) -> _CollisionBody:

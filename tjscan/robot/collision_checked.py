@@ -21,7 +21,7 @@ from tjscan.core.frames import Array, readonly_copy
 from tjscan.robot.arm import Arm, ArmState, MotionLock
 from tjscan.robot.clearance import ClearPathPlanner
 
-TREE_STEP: Final = 0.5
+POSTURE_TREE_STEP: Final = 0.5
 """Radians of joint space, summed in squares over the joints, by which a tree grows at once."""
 
 MOST_RANDOM_POSTURES: Final = 1000
@@ -46,8 +46,8 @@ class _PostureTree:
         nearest = int(np.einsum("ij,ij->i", away, away).argmin())
         length = float(np.linalg.norm(away[nearest]))
         reached = towards
-        if length > TREE_STEP:
-            reached = self.postures[nearest] + TREE_STEP / length * away[nearest]
+        if length > POSTURE_TREE_STEP:
+            reached = self.postures[nearest] + POSTURE_TREE_STEP / length * away[nearest]
         if length == 0 or not is_clear(self.postures[nearest], reached):
             return None
         self.postures.append(reached)
@@ -63,7 +63,7 @@ class _PostureTree:
         return way
 
 
-def find_way_of_postures(
+def find_clear_postures(
     start: Array, goal: Array, limits: tuple[Array, Array], is_clear: IsClear
 ) -> list[Array] | None:
     """Find postures between which straight lines in joint space keep clear.
@@ -93,7 +93,7 @@ def find_way_of_postures(
         if reached is not None and _grow_until_connected(other, reached, is_clear):
             ways = one.way_to_root()[::-1], other.way_to_root()[1:]
             way = [*ways[0], *ways[1]]
-            return _shorten_way(way if one is first else way[::-1], is_clear)
+            return _skip_needless_postures(way if one is first else way[::-1], is_clear)
         one, other = other, one
     return None
 
@@ -106,7 +106,7 @@ def _grow_until_connected(tree: _PostureTree, to: Array, is_clear: IsClear) -> b
     return False
 
 
-def _shorten_way(way: list[Array], is_clear: IsClear) -> list[Array]:
+def _skip_needless_postures(way: list[Array], is_clear: IsClear) -> list[Array]:
     """Leave out postures between which the straight line keeps clear, until none is left to."""
     short = list(way)
     for span in range(len(way) - 1, 1, -1):
@@ -128,7 +128,7 @@ its nominal model, far less than another configuration does."""
 Way = Sequence[tuple[bool, Array, Array | None]]
 """Segments of a way: each straight or in joint space, its end, joint angles near its end."""
 
-LARGEST_MOVE_JOINT_TURN: Final = np.pi / 2
+LARGEST_TURN_FROM_NEAR_JOINTS: Final = np.pi / 2
 """Radians a joint may turn on a move that has to end near given joint angles: where
 one runs into its limit, the same pose a whole turn away is not near."""
 
@@ -193,7 +193,7 @@ class CollisionCheckedArm:
     """Any arm whose paths are checked for collisions, as a whole, before anything moves.
 
     If the direct path is blocked, the arm goes round: it draws the sensor back from where it
-    looks, moves, and comes forward again. Where a move in joint space is blocked even so, it ends
+    looks, moves, and comes forward again. If a move in joint space is blocked even so, it ends
     in the nearest other configuration that is reached on a clear path.
 
     Parameters
@@ -205,7 +205,7 @@ class CollisionCheckedArm:
     T_f_s : ndarray, shape (4, 4)
         The sensor on the flange: detours draw it back along its z axis.
     lifts : iterable of float, optional
-        How far, in metres, one after the other; none where detours are not wanted.
+        How far, in metres, one after the other; none if detours are not wanted.
 
     Notes
     -----
@@ -313,7 +313,7 @@ class CollisionCheckedArm:
         """Plan a collision-free path: the direct one, else a detour: back, across and forward.
 
         A move in joint space has one choice more: another configuration at its end; or, if it
-        has to end near given joint angles, a way that is searched; see `find_way_of_postures`.
+        has to end near given joint angles, a way that is searched; see `find_clear_postures`.
 
         Parameters
         ----------
@@ -338,7 +338,7 @@ class CollisionCheckedArm:
         except PathBlocked as blocked:
             if direct or blocked.share == 0:  # where it is now: no way begins elsewhere
                 raise
-            for way in self._ways_round(q, T_b_f, near, straight=straight):
+            for way in self._detours_round_obstacle(q, T_b_f, near, straight=straight):
                 try:
                     segments = self._check_way_is_clear(q, way)
                     if near is not None:
@@ -354,7 +354,7 @@ class CollisionCheckedArm:
             }
             raise PathBlocked(reason, blocked.T_b_f, **contact) from None
 
-    def _ways_round(
+    def _detours_round_obstacle(
         self, q: Array, T_b_f: Array, near: Array | None, *, straight: bool
     ) -> Iterator[Way]:
         """Ways back, across and forward, the nearer ones first.
@@ -368,12 +368,12 @@ class CollisionCheckedArm:
             back, ahead = (self._retract_sensor(T, lift) for T in (T_start, T_b_f))
             yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
         if near is not None:
-            yield from self._search_path(q, T_b_f, near)
+            yield from self._detour_through_postures(q, T_b_f, near)
         elif not straight:
             for other in kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
                 yield [(False, T_b_f, other)]
 
-    def _search_path(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
+    def _detour_through_postures(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
         """A way through postures to a pose drawn back from the end, and forward from there.
 
         Straight to the end if no line leads forward.
@@ -389,7 +389,7 @@ class CollisionCheckedArm:
             except PoseUnreachable:
                 continue
             limits = kinematics.lower, kinematics.upper
-            found = find_way_of_postures(q, goal, limits, clearance.line_is_clear)
+            found = find_clear_postures(q, goal, limits, clearance.line_is_clear)
             if found is not None:
                 between = [(False, kinematics.forward(one), one) for one in found[1:-1]]
                 yield [*between, (False, ahead, goal), *forward]
@@ -438,7 +438,7 @@ class CollisionCheckedArm:
 def _check_joints_stay_near(q: Array, T_b_f: Array, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
     away = np.abs(q - near)
-    if away.max() > LARGEST_MOVE_JOINT_TURN:
+    if away.max() > LARGEST_TURN_FROM_NEAR_JOINTS:
         i = int(away.argmax())
         raise PoseUnreachable(
             f"joint {i + 1} would turn by {np.degrees(away[i]):.0f} deg to hold it: the joints "

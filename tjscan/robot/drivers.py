@@ -19,10 +19,7 @@ if TYPE_CHECKING:
     from tjscan.robot.arm import ArmState
     from tjscan.robot.kinematics import Kinematics
     from tjscan.robot.path import MotionLimits
-    from tjscan.robot.replay import ReplayedArm
     from tjscan.robot.settings import ArmSimulationSettings
-    from tjscan.robot.simulated import SimulatedArm
-    from tjscan.robot.ur.arm import UrArm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +65,7 @@ class ArmDriverFactory(DriverFactory[ArmDriverInputs, Arm]):
     truth: Callable[[Any], Array] = field(default=lambda arm: arm.state().T_b_f)
 
 
-def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
+def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
     import numpy as np
 
     from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
@@ -92,34 +89,27 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Simul
         )
 
 
-def _make_replayed_arm(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
+def _make_replayed_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
     from tjscan.robot.replay import ReplayedArm
 
     return ReplayedArm(*context.recording())
 
 
-def _make_ur_arm(inputs: ArmDriverInputs, settings: UrSettings) -> UrArm:
+def _make_ur_arm(inputs: ArmDriverInputs, settings: UrSettings) -> Arm:
     from tjscan.robot.ur.arm import UrArm
 
     return UrArm(inputs.kinematics, settings, inputs.limits)
 
 
-SIMULATED_DRIVER: Final = ArmDriverFactory(
-    _make_simulated_arm, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
-)
-REPLAY_DRIVER: Final = ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED)
-
-UR_DRIVER: Final = ArmDriverFactory(_make_ur_arm, UrSettings)
-
-ARM_DRIVERS: Final[DriverRegistry[ArmDriverFactory]] = DriverRegistry(
+ARM_DRIVERS: Final = DriverRegistry(
     "arm",
     {
-        "simulated": "tjscan.robot.drivers:SIMULATED_DRIVER",
-        "replay": "tjscan.robot.drivers:REPLAY_DRIVER",
-        "ur": "tjscan.robot.drivers:UR_DRIVER",
+        "simulated": ArmDriverFactory(
+            _make_simulated_arm, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
+        ),
+        "replay": ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED),
+        "ur": ArmDriverFactory(_make_ur_arm, UrSettings, extra="ur", client="rtde_control"),
     },
-    extras={"ur": "ur"},
-    clients={"ur": "rtde_control"},
     key="arm.driver",
     type=ArmDriverFactory,
 )

@@ -22,26 +22,26 @@ from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, re
 from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
 from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
 
-DESCENT_TOLERANCE: Final = 1e-13
+IK_CONVERGENCE_TOLERANCE: Final = 1e-13
 """Metres and radians at which a descent ends; it comes this close unless singular.
 
 So close that an arm is in the same place whichever way it came: a resumed scan finds what the
 uninterrupted one would have found.
 """
 
-POSITION_TOLERANCE: Final = 1e-7
+IK_POSITION_TOLERANCE: Final = 1e-7
 """Metres: a solution puts the flange this close, also at a singularity."""
 
-ROTATION_TOLERANCE: Final = 1e-7
+IK_ROTATION_TOLERANCE: Final = 1e-7
 """Radians."""
 
-MOST_DESCENT_ITERATIONS: Final = 60
+MOST_IK_ITERATIONS: Final = 60
 """A descent from a good seed takes four or five."""
 
-LEAST_DESCENT_DAMPING: Final = 1e-12
+LEAST_IK_DAMPING: Final = 1e-12
 """Least damping, in squared metres and radians: keeps a singular arm's equations solvable."""
 
-LARGEST_DESCENT_STEP: Final = 0.5
+LARGEST_IK_STEP: Final = 0.5
 """Radians a joint turns in one iteration; further, the linearisation does not hold."""
 
 KEPT_CONFIGURATION_DISTANCE: Final = 0.5
@@ -50,10 +50,10 @@ KEPT_CONFIGURATION_DISTANCE: Final = 0.5
 SINGULARITY_THRESHOLD: Final = 0.05
 """Smallest singular value below which joints have to run to let the flange walk."""
 
-DESCENT_SEED_COUNT: Final = 64
+RANDOM_IK_SEED_COUNT: Final = 64
 """Seeds tried if there is no closed form."""
 
-SAME_SOLUTION_TOLERANCE: Final = 1e-3
+SAME_IK_SOLUTION_TOLERANCE: Final = 1e-3
 """Radians within which two solutions are one."""
 
 JOINT_LIMIT_ROUNDING: Final = 1e-9
@@ -61,7 +61,7 @@ JOINT_LIMIT_ROUNDING: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _DescentResult:
+class _IkResult:
     """The best of a descent: joint angles and what is left in metres and radians."""
 
     q: Array
@@ -70,7 +70,7 @@ class _DescentResult:
 
     @property
     def solved(self) -> bool:
-        return self.position <= POSITION_TOLERANCE and self.rotation <= ROTATION_TOLERANCE
+        return self.position <= IK_POSITION_TOLERANCE and self.rotation <= IK_ROTATION_TOLERANCE
 
 
 class _ThreadWorkspace(threading.local):
@@ -217,7 +217,7 @@ class Kinematics:
         return np.vstack([R_b_root @ J[:3], R_b_root @ J[3:]])
 
     def smallest_singular_value(self, q: Array) -> float:
-        """Smallest singular value of the Jacobian: 0 where the flange loses a direction.
+        """Smallest singular value of the Jacobian: 0 if the flange loses a direction.
 
         It is the one of `jacobian` in metres and radians: the slowest speed of the flange, in
         m/s or rad/s, that joint speeds of norm 1 rad/s can give.
@@ -254,7 +254,7 @@ class Kinematics:
             With the reason: the reach, or a joint's limit and by how much.
         """
         near = np.asarray(near, dtype=float)
-        warm = self._descend_to_pose(self._target_in_root(T_b_f), near)
+        warm = self._solve_ik_from_seed(self._target_in_root(T_b_f), near)
         is_near = np.abs(warm.q - near).max() < KEPT_CONFIGURATION_DISTANCE
         if warm.solved and is_near and self.excess(warm.q).max() <= 0:
             return warm.q
@@ -273,8 +273,8 @@ class Kinematics:
         """
         near = np.asarray(near, dtype=float)
         target = self._target_in_root(T_b_f)
-        seeds = (near, *self._inverse_seeds(target, near))
-        fits = [self._descend_to_pose(target, seed) for seed in seeds]
+        seeds = (near, *self._ik_seeds(target, near))
+        fits = [self._solve_ik_from_seed(target, seed) for seed in seeds]
         solved = [self._choose_nearest_turns(fit.q, near) for fit in fits if fit.solved]
         if not solved:
             raise PoseUnreachable(self._describe_out_of_reach(fits), T_b_f)
@@ -283,7 +283,7 @@ class Kinematics:
             raise PoseUnreachable(self._describe_out_of_limits(solved), T_b_f)
         found: list[Array] = []
         for q in sorted(allowed, key=lambda q: float(np.linalg.norm(q - near))):
-            if all(np.abs(q - other).max() > SAME_SOLUTION_TOLERANCE for other in found):
+            if all(np.abs(q - other).max() > SAME_IK_SOLUTION_TOLERANCE for other in found):
                 found.append(np.clip(q, self.lower, self.upper))
         return tuple(found)
 
@@ -325,7 +325,7 @@ class Kinematics:
         except ValueError as error:
             raise PoseUnreachable(f"it is no pose: {error}", T_b_f) from None
 
-    def _descend_to_pose(self, target: Any, seed: Array) -> _DescentResult:
+    def _solve_ik_from_seed(self, target: Any, seed: Array) -> _IkResult:
         """Damped Gauss-Newton on SE(3).
 
         The damping is the squared error (Sugihara 2011, Solvability-unconcerned inverse
@@ -336,27 +336,23 @@ class Kinematics:
         q = np.array(seed, dtype=float)
         best, best_error, least = q, np.full(6, np.inf), np.inf
         eye = np.eye(6)
-        for _ in range(MOST_DESCENT_ITERATIONS):
+        for _ in range(MOST_IK_ITERATIONS):
             # In this order: a Jacobian in local axes leaves the placements as they were.
             pin.framesForwardKinematics(model, data, q)
             error = pin.log6(data.oMf[flange].actInv(target)).vector
             squared = float(error @ error)
             if squared < least:
                 best, best_error, least = q, error, squared
-            if squared < DESCENT_TOLERANCE**2:
+            if squared < IK_CONVERGENCE_TOLERANCE**2:
                 break
             J = pin.computeFrameJacobian(model, data, q, flange, pin.LOCAL)
-            step = J.T @ np.linalg.solve(
-                J @ J.T + (0.5 * squared + LEAST_DESCENT_DAMPING) * eye, error
-            )
+            step = J.T @ np.linalg.solve(J @ J.T + (0.5 * squared + LEAST_IK_DAMPING) * eye, error)
             longest = np.abs(step).max()
-            q = q + (
-                step if longest < LARGEST_DESCENT_STEP else step * (LARGEST_DESCENT_STEP / longest)
-            )
+            q = q + (step if longest < LARGEST_IK_STEP else step * (LARGEST_IK_STEP / longest))
         position, rotation = (float(np.linalg.norm(e)) for e in (best_error[:3], best_error[3:]))
-        return _DescentResult(best, position, rotation)
+        return _IkResult(best, position, rotation)
 
-    def _inverse_seeds(self, target: Any, near: Array) -> Iterable[Array]:
+    def _ik_seeds(self, target: Any, near: Array) -> Iterable[Array]:
         """Where to begin a search for other configurations."""
         if self._geometry is not None:
             # Frame 6 is the last link's frame here; the flange is anywhere on it.
@@ -365,8 +361,8 @@ class Kinematics:
             T_0_6 = T_root_0.actInv(target) * T_6_f.inverse()
             return all_inverse_solutions(self._geometry, T_0_6.homogeneous, float(near[5]))
         random = np.random.default_rng(0)
-        spread = np.linspace(0.2, np.pi, DESCENT_SEED_COUNT)[:, None]
-        seeds = near + spread * random.standard_normal((DESCENT_SEED_COUNT, near.size))
+        spread = np.linspace(0.2, np.pi, RANDOM_IK_SEED_COUNT)[:, None]
+        seeds = near + spread * random.standard_normal((RANDOM_IK_SEED_COUNT, near.size))
         return np.clip(seeds, self.lower, self.upper)
 
     def _choose_nearest_turns(self, q: Array, near: Array) -> Array:
@@ -378,7 +374,7 @@ class Kinematics:
         order = np.lexsort((np.abs(turns - near), beyond), axis=0)
         return np.asarray(np.take_along_axis(turns, order[:1], axis=0)[0])
 
-    def _describe_out_of_reach(self, fits: list[_DescentResult]) -> str:
+    def _describe_out_of_reach(self, fits: list[_IkResult]) -> str:
         best = min(fits, key=lambda fit: fit.position + fit.rotation)
         stretched = self.smallest_singular_value(best.q)
         return (

@@ -14,7 +14,7 @@ from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, array_dataclass, rotation_angle_between
 from tjscan.robot.kinematics import SINGULARITY_THRESHOLD, Kinematics
 
-SAMPLES_PER_WAYPOINT: Final = 4
+SPLINE_SAMPLES_PER_WAYPOINT: Final = 4
 """Between waypoints the derivatives of the spline are looked at this often."""
 
 
@@ -98,7 +98,7 @@ class JointTrajectory:
         return np.asarray(_spline_through(self.q)(u))
 
 
-def fastest_joint_path(
+def fastest_trajectory(
     q: Array, points_b: Array, velocity: Array, limits: MotionLimits
 ) -> JointTrajectory:
     """Time a path as fast as the limits allow, with a trapezoid of speed.
@@ -146,7 +146,7 @@ def _spline_through(values: Array) -> CubicSpline:
 def _spline_derivatives(values: Array) -> tuple[Array, Array]:
     """First and second derivative by u, at and between the waypoints."""
     spline = _spline_through(values)
-    u = np.linspace(0, 1, SAMPLES_PER_WAYPOINT * (len(values) - 1) + 1)
+    u = np.linspace(0, 1, SPLINE_SAMPLES_PER_WAYPOINT * (len(values) - 1) + 1)
     return np.asarray(spline(u, 1)), np.asarray(spline(u, 2))
 
 
@@ -198,13 +198,13 @@ class PathPlanner:
             As `linear_waypoints` does.
         """
         waypoints, points_b = linear_waypoints(self.kinematics, q, T_b_f)
-        return fastest_joint_path(waypoints, points_b, self.kinematics.velocity, self.limits)
+        return fastest_trajectory(waypoints, points_b, self.kinematics.velocity, self.limits)
 
     def path_to_joint_angles(self, q: Array, goal: Array) -> JointTrajectory:
         """Timed path on a straight line in joint space, both ends in radians, shape (n,)."""
         waypoints = interpolate_joints(q, goal)
         points_b = np.array([self.kinematics.forward(q)[:3, 3] for q in waypoints])
-        return fastest_joint_path(waypoints, points_b, self.kinematics.velocity, self.limits)
+        return fastest_trajectory(waypoints, points_b, self.kinematics.velocity, self.limits)
 
     def joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointTrajectory:
         """Timed path to the configuration nearest to `near`, else to `q`, that holds a pose."""

@@ -9,17 +9,9 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
+from tjscan.core import units
 from tjscan.core.frames import Array, array_dataclass
-from tjscan.core.units import (
-    DEG,
-    FARTHEST_DISTANCE_MM,
-    MM,
-    SECONDS,
-    EulerAngles,
-    FileKey,
-    PoseSettings,
-    SettingsTable,
-)
+from tjscan.core.units import PoseSettings, SettingsTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,9 +32,9 @@ class ClearanceMargins(SettingsTable):
     The defaults are assumptions about a cell that was measured with a tape.
     """
 
-    solids: Annotated[float, Ge(0), Le(500), MM.with_key("margin_mm")] = 0.01
-    own: Annotated[float, Ge(0), Le(500), MM.with_key("self_margin_mm")] = 0.005
-    singular: Annotated[float, Ge(0), Le(1), FileKey("smallest_singular_value")] = 0.02
+    solids: Annotated[float, Ge(0), Le(500), units.MM.with_key("margin_mm")] = 0.01
+    own: Annotated[float, Ge(0), Le(500), units.MM.with_key("self_margin_mm")] = 0.005
+    singular: Annotated[float, Ge(0), Le(1), units.FileKey("smallest_singular_value")] = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,9 +54,9 @@ class PlacementTolerance(SettingsTable):
         Of the tilt of a joint's axis, each way, radians.
     """
 
-    offset: Annotated[float, Ge(0), Le(5), DEG] = radians(0.007)
-    length: Annotated[float, Ge(0), Le(5), MM] = 7.5e-5
-    twist: Annotated[float, Ge(0), Le(5), DEG] = radians(0.007)
+    offset: Annotated[float, Ge(0), Le(5), units.DEG] = radians(0.007)
+    length: Annotated[float, Ge(0), Le(5), units.MM] = 7.5e-5
+    twist: Annotated[float, Ge(0), Le(5), units.DEG] = radians(0.007)
 
     @property
     def sigmas(self) -> Array:
@@ -72,7 +64,7 @@ class PlacementTolerance(SettingsTable):
         return np.array((*[self.length] * 3, self.twist, self.twist, self.offset))
 
 
-JointAngles = Annotated[tuple[Annotated[float, Ge(-720), Le(720)], ...], DEG]
+JointAngles = Annotated[tuple[Annotated[float, Ge(-720), Le(720)], ...], units.DEG]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +78,7 @@ class ArmErrorSettings(PlacementTolerance):
     Parameters
     ----------
     seed : int, optional
-        Which arm of the kind it is; the simulation's seed where left out.
+        Which arm of the kind it is; the simulation's seed if left out.
     eccentricity : float
         Standard deviation of the amplitude of each joint's error once a turn, radians.
     backlash : float
@@ -98,10 +90,10 @@ class ArmErrorSettings(PlacementTolerance):
     """
 
     seed: Annotated[int, Ge(0)] | None = None
-    eccentricity: Annotated[float, Ge(0), Le(1), DEG] = 0.0
-    backlash: Annotated[float, Ge(0), Le(1), DEG] = 0.0
+    eccentricity: Annotated[float, Ge(0), Le(1), units.DEG] = 0.0
+    backlash: Annotated[float, Ge(0), Le(1), units.DEG] = 0.0
     growth: Annotated[float, Ge(0), Le(0.01)] = 0.0
-    warm_up: Annotated[float, Ge(1), Le(100_000), SECONDS] = 1800.0
+    warm_up: Annotated[float, Ge(1), Le(100_000), units.SECONDS] = 1800.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,14 +112,14 @@ class ArmSimulationSettings(SettingsTable):
     realtime : bool
         Whether moves take their time.
     errors : ArmErrorSettings, optional
-        How the true arm differs from what its controller knows; not at all where left out.
+        How the true arm differs from what its controller knows; not at all if left out.
     """
 
     home: JointAngles
-    repeatability: Annotated[float, Ge(0), Le(5), MM] = 5e-5
-    angular_repeatability: Annotated[float, Ge(0), Le(5), DEG.with_key("repeatability_deg")] = (
-        radians(0.006)
-    )
+    repeatability: Annotated[float, Ge(0), Le(5), units.MM] = 5e-5
+    angular_repeatability: Annotated[
+        float, Ge(0), Le(5), units.DEG.with_key("repeatability_deg")
+    ] = radians(0.006)
     realtime: bool = False
     errors: ArmErrorSettings | None = None
 
@@ -197,7 +189,7 @@ class Solid:
     T: Array
 
 
-_LengthMm = Annotated[float, Gt(0), Le(FARTHEST_DISTANCE_MM)]
+_LengthMm = Annotated[float, Gt(0), Le(units.FARTHEST_DISTANCE_MM)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,12 +208,12 @@ class SolidSettings(PoseSettings):
         Of a cylinder or capsule, metres.
     """
 
-    euler_zyx: EulerAngles = (0.0, 0.0, 0.0)
+    euler_zyx: units.EulerAngles = (0.0, 0.0, 0.0)
     name: Annotated[str, MinLen(1)]
     kind: Literal["box", "cylinder", "capsule"]
-    size: Annotated[tuple[_LengthMm, _LengthMm, _LengthMm] | None, MM] = None
-    radius: Annotated[_LengthMm | None, MM] = None
-    length: Annotated[_LengthMm | None, MM] = None
+    size: Annotated[tuple[_LengthMm, _LengthMm, _LengthMm] | None, units.MM] = None
+    radius: Annotated[_LengthMm | None, units.MM] = None
+    length: Annotated[_LengthMm | None, units.MM] = None
 
     def __post_init__(self) -> None:
         is_box = self.kind == "box"

@@ -21,8 +21,8 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
 from tjscan.robot.settings import ArmErrorSettings
 
-ARM_MAKE_STREAM: Final = 3
-"""Keeps the random numbers of an arm's make apart from those of its moves."""
+ARM_ERRORS_RANDOM_STREAM: Final = 3
+"""Keeps the random numbers of an arm's make apart from its moves' ones."""
 
 
 @array_dataclass
@@ -64,7 +64,7 @@ class SimulatedArmErrors:
             Decides which one, unless the settings do.
         """
         own = seed if settings.seed is None else settings.seed
-        rng = np.random.default_rng([own, ARM_MAKE_STREAM])
+        rng = np.random.default_rng([own, ARM_ERRORS_RANDOM_STREAM])
         n = len(nominal.lower)
         deviations = settings.sigmas * rng.standard_normal((n, 6))
         return cls(
@@ -101,7 +101,7 @@ POSITION_REPEATABILITY: Final = 5e-5
 ANGULAR_REPEATABILITY: Final = 1e-4
 """Radians, root mean square: assumption, about the above over half a metre of arm."""
 
-TICK_PERIOD: Final = 0.01
+SIMULATED_MOVE_TICK: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
 
@@ -223,9 +223,9 @@ class SimulatedArm(LocalDevice):
             with self._latch.begin_move():
                 passed = 0.0 if self.realtime else path.duration
             if self.realtime:
-                passed = self._let_time_pass(path, start)
+                passed = self._move_in_real_time(path, start)
             reached = readonly_copy(path.joint_angles_at(passed))
-            last = reached - path.joint_angles_at(max(passed - TICK_PERIOD, 0.0))
+            last = reached - path.joint_angles_at(max(passed - SIMULATED_MOVE_TICK, 0.0))
             self._turning = np.where(last == 0.0, self._turning, np.sign(last))
             self._now = (reached, start + passed)
             self._error = self._draw_error()
@@ -236,12 +236,12 @@ class SimulatedArm(LocalDevice):
             )
         return self.state()
 
-    def _let_time_pass(self, path: JointTrajectory, start: float) -> float:
+    def _move_in_real_time(self, path: JointTrajectory, start: float) -> float:
         """Let a move take its time, and return the seconds of it that passed."""
         began = time.monotonic()
         while (passed := time.monotonic() - began) < path.duration:
             self._now = (readonly_copy(path.joint_angles_at(passed)), start + passed)
-            if self._latch.wait_for_stop(min(TICK_PERIOD, path.duration - passed)):
+            if self._latch.wait_for_stop(min(SIMULATED_MOVE_TICK, path.duration - passed)):
                 return min(time.monotonic() - began, path.duration)
         return path.duration
 

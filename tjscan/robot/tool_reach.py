@@ -17,13 +17,13 @@ import numpy as np
 from tjscan.core.frames import Array, Mask, inverse_pose, pose, rot_z
 from tjscan.robot.kinematics import Kinematics
 
-SPIN_COUNT: Final = 72
+TOOL_SPINS: Final = 72
 """Of the tool about its axis that are tried, evenly round."""
 
-LARGEST_SPIN_STEPS: Final = 3
+LARGEST_SPIN_CHANGE: Final = 3
 """By how many of these the spin may change from one place to the next."""
 
-_SPIN_CHANGES: Final = tuple(range(-LARGEST_SPIN_STEPS, LARGEST_SPIN_STEPS + 1))
+_SPIN_CHANGES: Final = tuple(range(-LARGEST_SPIN_CHANGE, LARGEST_SPIN_CHANGE + 1))
 
 JOINT_JUMP_ANGLE: Final = np.radians(30.0)
 """A joint that turns further from one place to the next is taken to jump."""
@@ -86,12 +86,12 @@ class ToolConfigurations:
         closed: bool,
     ) -> None:
         m, n = poses.shape[:2]
-        spun = np.array([pose(rot_z(2 * np.pi * k / SPIN_COUNT)) for k in range(SPIN_COUNT)])
+        spun = np.array([pose(rot_z(2 * np.pi * k / TOOL_SPINS)) for k in range(TOOL_SPINS)])
         T_tool_f = inverse_pose(T_f_tool)
-        first, can, hindrances = [], np.zeros((m, SPIN_COUNT, 8), dtype=bool), []
+        first, can, hindrances = [], np.zeros((m, TOOL_SPINS, 8), dtype=bool), []
         for i in range(m):
             T = poses[i][:, None] @ spun @ T_tool_f
-            q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, SPIN_COUNT, 8, 6)
+            q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, TOOL_SPINS, 8, 6)
             first.append(q[0])
             beyond = [kinematics.excess(q + 2 * np.pi * turn) for turn in (-1, 0, 1)]
             within = np.isfinite(q) & (np.min(beyond, axis=0) <= 0)
@@ -107,7 +107,7 @@ class ToolConfigurations:
             likely = (reason for reason, _ in reasons.most_common())
             hindrances.append("" if can[i].any() else next(likely, OUT_OF_REACH_TEXT))
         self.can, self.q, self.closed = can, np.array(first), closed
-        self.turns, self.hindrances = _squared_turns(can, self.q), tuple(hindrances)
+        self.turns, self.hindrances = _squared_joint_turns(can, self.q), tuple(hindrances)
 
     def stretches(self) -> tuple[tuple[int, int], ...]:
         """Longest runs of places along which the tool can be led without a jump.
@@ -115,7 +115,7 @@ class ToolConfigurations:
         Returns
         -------
         tuple of (int, int)
-            First and last place, both included, none within another. Where the line closes, a last
+            First and last place, both included, none within another. If the line closes, a last
             place may be beyond the number of places, up to two turns on.
         """
         m, found = len(self.can), list[tuple[int, int]]()
@@ -158,9 +158,9 @@ class ToolConfigurations:
         spin, branch = np.unravel_index(int(np.argmin(cost)), cost.shape)
         chosen = [int(spin)]
         for step in reversed(before):
-            chosen.append((chosen[-1] - _SPIN_CHANGES[step[chosen[-1], branch]]) % SPIN_COUNT)
+            chosen.append((chosen[-1] - _SPIN_CHANGES[step[chosen[-1], branch]]) % TOOL_SPINS)
         chosen.reverse()
-        spins = np.unwrap(2 * np.pi * np.array(chosen) / SPIN_COUNT)
+        spins = np.unwrap(2 * np.pi * np.array(chosen) / TOOL_SPINS)
         return spins, np.unwrap(self.q[places, chosen, branch], axis=0)
 
     def _last_place_reached(self, first: int, limit: int) -> int:
@@ -174,7 +174,7 @@ class ToolConfigurations:
         return limit
 
 
-def _squared_turns(can: Mask, q: Array) -> Array:
+def _squared_joint_turns(can: Mask, q: Array) -> Array:
     """Squared turns from place to place, as `ToolConfigurations` has them.
 
     The last place leads to the first; this is not used if the line does not close.
@@ -189,4 +189,4 @@ def _squared_turns(can: Mask, q: Array) -> Array:
             with np.errstate(invalid="ignore"):
                 goes = both & (np.abs(turn).max(axis=2) <= JOINT_JUMP_ANGLE)
             found.append(np.where(goes, np.sum(turn**2, axis=2), np.inf))
-    return np.array(found).reshape(len(can), len(_SPIN_CHANGES), SPIN_COUNT, 8)
+    return np.array(found).reshape(len(can), len(_SPIN_CHANGES), TOOL_SPINS, 8)

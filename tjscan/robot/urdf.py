@@ -21,7 +21,7 @@ from tjscan.robot.closed_form import UrDhLengths
 ARM_MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
 """Names of the arms whose URDF comes with tjscan."""
 
-GEOMETRY_TOLERANCE: Final = 0.005
+UR_GEOMETRY_TOLERANCE: Final = 0.005
 """Metres and radians by which a calibrated arm may differ from the ideal geometry."""
 
 MOST_URDF_BYTES: Final = 5_000_000
@@ -46,7 +46,7 @@ def read_urdf(urdf: Path) -> tuple[Any, int, int]:
     except (ValueError, RuntimeError, OSError) as error:
         raise ConfigurationError(f"is not a URDF: {error}") from None
     base, flange = _frames_b_and_f(model)
-    _check_chain(model, flange)
+    _check_joint_chain(model, flange)
     return model, base, flange
 
 
@@ -66,7 +66,7 @@ def _frames_b_and_f(model: Any) -> tuple[int, int]:
     )
 
 
-def _check_chain(model: Any, flange: int) -> None:
+def _check_joint_chain(model: Any, flange: int) -> None:
     """Refuse all but an open chain of six or more revolute joints that have limits."""
     moving_joints = set(model.supports[model.frames[flange].parentJoint])
     for i in range(1, model.njoints):
@@ -99,11 +99,11 @@ def ur_dh_lengths(model: Any) -> UrDhLengths | None:
     for T, twist in zip(M, (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2), strict=True):
         c, s = np.cos(twist), np.sin(twist)
         if not np.allclose(
-            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=GEOMETRY_TOLERANCE
+            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=UR_GEOMETRY_TOLERANCE
         ):
             return None
     (x2, y2, z2), (x3, y3, z3), (x4, y4, z4), (x5, y5, z5), (x6, y6, z6) = (T[:3, 3] for T in M)
-    if np.abs([x2, y3, y4, x5, x6]).max() > GEOMETRY_TOLERANCE:
+    if np.abs([x2, y3, y4, x5, x6]).max() > UR_GEOMETRY_TOLERANCE:
         return None
     lengths = (z2, x3, x4, z3 + z4 + z5 - y2, z6 - y5, y6)
     return UrDhLengths(*(float(length) for length in lengths))

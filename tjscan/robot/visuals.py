@@ -18,12 +18,12 @@ from tjscan.robot.settings import Box, Capsule, Cylinder, Solid
 if TYPE_CHECKING:
     import trimesh
 
-CYLINDER_SIDES: Final = 24
+DRAWN_CYLINDER_SIDES: Final = 24
 """Sides of a drawn cylinder."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinkBody:
+class LinkMesh:
     """What a link looks like.
 
     Parameters
@@ -41,7 +41,7 @@ class LinkBody:
     triangles: Any
 
 
-def link_bodies(urdf: Path) -> Iterator[LinkBody]:
+def link_meshes(urdf: Path) -> Iterator[LinkMesh]:
     """Yield the body of each link that a URDF draws.
 
     Parameters
@@ -63,7 +63,7 @@ def link_bodies(urdf: Path) -> Iterator[LinkBody]:
             found = [part for part in parts if part is not None]
             if found:
                 whole = trimesh.util.concatenate(found)
-                yield LinkBody(link.get("name", ""), whole.vertices, whole.faces)
+                yield LinkMesh(link.get("name", ""), whole.vertices, whole.faces)
     except (OSError, ElementTree.ParseError, ValueError, KeyError) as error:
         raise ConfigurationError(f"can't be drawn: {error}", file=urdf) from error
 
@@ -76,9 +76,9 @@ def solid_mesh(solid: Solid) -> trimesh.Trimesh:
         case Box(size):
             mesh = trimesh.creation.box(size)
         case Cylinder(radius, length):
-            mesh = trimesh.creation.cylinder(radius, length, sections=CYLINDER_SIDES)
+            mesh = trimesh.creation.cylinder(radius, length, sections=DRAWN_CYLINDER_SIDES)
         case Capsule(radius, length):
-            sides = (CYLINDER_SIDES, CYLINDER_SIDES // 2)
+            sides = (DRAWN_CYLINDER_SIDES, DRAWN_CYLINDER_SIDES // 2)
             mesh = trimesh.creation.capsule(length, radius, count=sides)
             mesh.apply_translation((0, 0, -mesh.bounds.mean(axis=0)[2]))
     mesh.apply_transform(solid.T)
@@ -96,10 +96,10 @@ def _visual_mesh(visual: ElementTree.Element, beside: Path) -> trimesh.Trimesh |
             mesh = trimesh.creation.box(_parse_numbers(shape.get("size", "")))
         case "cylinder":
             radius, length = float(shape.attrib["radius"]), float(shape.attrib["length"])
-            mesh = trimesh.creation.cylinder(radius, length, sections=CYLINDER_SIDES)
+            mesh = trimesh.creation.cylinder(radius, length, sections=DRAWN_CYLINDER_SIDES)
         case "sphere":
             radius = float(shape.attrib["radius"])
-            mesh = trimesh.creation.uv_sphere(radius, count=(12, CYLINDER_SIDES))
+            mesh = trimesh.creation.uv_sphere(radius, count=(12, DRAWN_CYLINDER_SIDES))
         case "mesh" if not shape.attrib["filename"].startswith("package://"):
             file = beside / shape.attrib["filename"].removeprefix("file://")
             mesh = trimesh.load(file, force="mesh")

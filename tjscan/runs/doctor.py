@@ -91,14 +91,14 @@ def check_job_and_cell(
             jobs.extend(job.jobs_at_stations if station is None else (job.job_at_station(station),))
         return f"{job_file} is sound"
 
-    yield (finding := _result_of_check("job", read))
+    yield (finding := _run_check("job", read))
     if not finding.passed:
         return
     context = ScanContext(jobs[0], job_file)
     named = [
-        _result_of_check("joint", _describe_joint, context),
-        _result_of_check("calibration", _describe_calibration, context),
-        _result_of_check("clearance", _describe_clearance, jobs[0]),
+        _run_check("joint", _describe_joint, context),
+        _run_check("calibration", _describe_calibration, context),
+        _run_check("clearance", _describe_clearance, jobs[0]),
     ]
     yield from named
     if all(finding.passed for finding in named):
@@ -120,28 +120,24 @@ def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
             stack.enter_context(device)
             return name
 
-        yield (
-            arm := _result_of_check("arm", connect, cell.arm, f"{job.arm.driver} {job.arm.model}")
-        )
-        yield (laser := _result_of_check("laser", connect, cell.laser, job.laser.device_id))
+        yield (arm := _run_check("arm", connect, cell.arm, f"{job.arm.driver} {job.arm.model}"))
+        yield (laser := _run_check("laser", connect, cell.laser, job.laser.device_id))
         if laser.passed and isinstance(cell.laser, DescribedLaser):
-            yield _result_of_check("laser's link", _describe_laser_link, cell.laser)
-            yield _result_of_check(
-                "laser's format", lambda device: device.describe().format, cell.laser
-            )
-            yield _result_of_check("laser's range", _compare_laser_range, cell.laser, job.laser)
+            yield _run_check("laser's link", _describe_laser_link, cell.laser)
+            yield _run_check("laser's format", lambda device: device.describe().format, cell.laser)
+            yield _run_check("laser's range", _compare_laser_range, cell.laser, job.laser)
         if arm.passed:
-            yield _result_of_check("model", _compare_arm_with_model, cell)
-            yield _result_of_check("stance", _describe_nearest_bodies, cell)
+            yield _run_check("model", _compare_arm_with_model, cell)
+            yield _run_check("stance", _describe_nearest_bodies, cell)
         if laser.passed and arm.passed:
-            yield _result_of_check("profile", _describe_profile, cell, groove_reader_of_job(job))
+            yield _run_check("profile", _describe_profile, cell, groove_reader_of_job(job))
         if arm.passed:
             first, second = (start.T for start in job.start_poses)
-            yield _result_of_check("first pose", _check_arm_path, cell, first)
-            yield _result_of_check("second pose", _check_arm_path, cell, first, second)
+            yield _run_check("first pose", _check_arm_path, cell, first)
+            yield _run_check("second pose", _check_arm_path, cell, first, second)
 
 
-def _result_of_check(what: str, look: Callable[..., str], *things: Any) -> CheckResult:
+def _run_check(what: str, look: Callable[..., str], *things: Any) -> CheckResult:
     """What a look at some things finds, or what is wrong with them."""
     try:
         return CheckResult(what, look(*things))

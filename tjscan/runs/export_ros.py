@@ -15,14 +15,14 @@ from tjscan.core.frames import inverse_pose
 from tjscan.job.files import read_scan_job
 from tjscan.recording.ros import joint_trajectory_message, pose_array_message, write_ros_messages
 from tjscan.result.directory import JOB_FILE, URDF_FILE
-from tjscan.result.export import EXPORT_STEM
+from tjscan.result.export import EXPORT_FILE_STEM
 from tjscan.result.shapes import read_finished_sections
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.run import result_frame_of_job
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
-ROS_BAG_FILE: Final = f"{EXPORT_STEM}.mcap"
+ROS_BAG_FILE: Final = f"{EXPORT_FILE_STEM}.mcap"
 
 
 def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
@@ -54,7 +54,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
             "directory of each station",
             file=directory,
         )
-    folder = out or directory / f"{EXPORT_STEM}.ros"
+    folder = out or directory / f"{EXPORT_FILE_STEM}.ros"
     if not folder.parent.is_dir():
         raise ConfigurationError(
             "there is no folder to make it in: make that first", file=folder, key="--out"

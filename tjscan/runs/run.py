@@ -28,7 +28,7 @@ from tjscan.core.files import (
     write_files_atomically,
 )
 from tjscan.core.locks import lock_directory
-from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
+from tjscan.core.manifest import MANIFEST_FILE, check_files_unaltered, files_altered_since_written
 from tjscan.core.provenance import Provenance
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.job.devices import CalibrationSettings
@@ -46,7 +46,7 @@ from tjscan.result.directory import (
     job_name_and_hash,
 )
 
-COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
+RUN_INPUT_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 """What a run directory is made with."""
 
 MOST_RESULT_BYTES: Final = 50_000_000
@@ -78,7 +78,7 @@ class JobContext(Generic[T]):
     job : CellJob, CrawlJob or TowJob
         The job.
     job_file : Path
-        Where it was read from; the files that it names are sought from there.
+        The file that it was read from; the files that it names are sought from there.
     journal : Journal
         Receives everything, once it is on disk.
     finished : callable
@@ -126,7 +126,7 @@ def make_run_directory(
         it was written.
     """
     named = {name: file for name, file in copies.items() if file is not None}
-    check_as_written(*named.values())
+    check_files_unaltered(*named.values())
     if (model := Path(job.arm.model)).suffix == ".urdf":
         named[URDF_FILE] = model
     with make_empty_run_directory(directory) as draft:
@@ -210,7 +210,7 @@ def check_replay(
         If its job or calibration is not as it was written.
     """
     refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
-    check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
+    check_files_unaltered(directory / JOB_FILE, directory / CALIBRATION_FILE)
     names = REPLAYABLE_TASKS if (directory / JOB_FILE).is_file() else ()
     held = [name for name in names if recording_files(directory, name)[0].is_file()]
     if task not in held:
@@ -310,7 +310,7 @@ def make_empty_run_directory(directory: Path) -> Iterator[Path]:
     ):
         names = {file.name for file in directory.iterdir()} - {draft.name}
         files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
-        half_made = files < names and files <= {*COPIED_FILES, MANIFEST_FILE} - {JOB_FILE}
+        half_made = files < names and files <= {*RUN_INPUT_FILES, MANIFEST_FILE} - {JOB_FILE}
         if files and not half_made:  # of one killed in the making
             full = "is not empty; a run never overwrites another. Choose another --out"
             raise ConfigurationError(full, file=directory)
@@ -319,7 +319,7 @@ def make_empty_run_directory(directory: Path) -> Iterator[Path]:
 
 def accept_edited_copies(directory: Path, journal: Journal) -> None:
     """Take what a run directory is made with as it now is, and report what was edited in it."""
-    edited = changed_since_written(*(directory / name for name in COPIED_FILES))
+    edited = files_altered_since_written(*(directory / name for name in RUN_INPUT_FILES))
     if edited:
         with write_files_atomically(directory) as draft:
             for file in edited:
@@ -388,7 +388,7 @@ def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
     ConfigurationError
         If it can't be read.
     """
-    check_as_written(file)
+    check_files_unaltered(file)
     try:
         return parse(read_small_file(file, MOST_RESULT_BYTES, what).decode())
     except (OSError, ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
@@ -399,7 +399,7 @@ def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
 def nothing_recorded_yet(directory: Path) -> bool:
     """Whether a run directory was made and nothing was recorded in it yet."""
     return all(
-        file.name in (*COPIED_FILES, MANIFEST_FILE) or file.name.startswith(DRAFT_PREFIX)
+        file.name in (*RUN_INPUT_FILES, MANIFEST_FILE) or file.name.startswith(DRAFT_PREFIX)
         for file in directory.iterdir()
     )
 

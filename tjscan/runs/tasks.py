@@ -1,79 +1,80 @@
-"""The tasks: the one place where the algorithms meet, and what each brings to pages and studies.
-
-The parts of a kind are imported together when one of them is asked for.
-"""
+"""The tasks: the one table in which the algorithms meet, with all that each contributes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from pkgutil import resolve_name
+from typing import Any, Final, Literal
 
 from tjscan.core.errors import ConfigurationError, nearest_word
-from tjscan.live.step import RecordedShow, ShowReader
-from tjscan.recording.parts import recording_files
-from tjscan.result.chapter import ChapterWriter
-from tjscan.result.directory import JOB_FILE
+from tjscan.live.step import RecordedShow
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.study.trial import StudyBackend
-
-SHOWN_RECORDINGS: Final = ("measured", "crawl", "scan", "tow")
-"""What the names of the recordings begin with that the live page shows."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A task by the files of its runs.
+    """A task: the files of its runs, and what it contributes to pages and studies.
+
+    What it contributes is imported when it is asked for: the report needs no live page, and a study
+    no report.
 
     Parameters
     ----------
     name : str
         Of the task.
-    recording : str, optional
-        Its recording, if the report of a run that has one is a page of its own.
+    room : str
+        Room of `tjscan.runs` that has its chapter in the report of a scan, a `ChapterWriter`, and
+        name of the module of `tjscan.runs.live` that has its `ReplayReader`.
+    recording : str
+        Kind of its recording, as `tjscan.recording.parts.recording_files` has it.
+    page : str, optional
+        The `ChapterWriter` of its run's report, if that is a page of its own.
+    study : str, optional
+        The `StudyBackend` of its studies, if it can be studied.
     result : str, optional
         A file by which a directory without job and recording is known to hold its result.
     """
 
     name: str
-    recording: str = ""
+    room: str
+    recording: str
+    page: str = ""
+    study: str = ""
     result: str = ""
+
+    def load(self, contribution: Literal["chapter", "show", "page", "study"]) -> Any:
+        """Import a contribution of the task that it has."""
+        room = self.room
+        names = {
+            "chapter": f"{room}.report:{room}_chapter",
+            "show": f"live.{room}:read_{room}_show",
+            "page": f"{room}.report:{self.page}",
+            "study": f"{room}.study:{self.study}",
+        }
+        return resolve_name(f"tjscan.runs.{names[contribution]}")
 
 
 ALL_TASKS: Final = (
-    Task("calibrate", recording="measured.mcap", result="calibration.toml"),
-    Task("crawl", recording="crawl.mcap"),
-    Task("scan"),
-    Task("tow", recording="tow.mcap"),
+    Task("calibrate", "calibration", "measured", "calibration_page", result=CALIBRATION_FILE),
+    Task("crawl", "crawl", "crawl", page="crawl_chapter", study="CRAWL_STUDY"),
+    Task("scan", "scan", "scan", study="SCAN_STUDY"),
+    Task("tow", "tow", "tow", page="tow_chapter", study="TOW_STUDY"),
 )
 
 
-def report_chapters() -> Mapping[str, ChapterWriter]:
-    """What makes the chapter of each task in the report on a run."""
-    from tjscan.runs.calibration.report import calibration_chapter
-    from tjscan.runs.crawl.report import crawl_chapter
-    from tjscan.runs.scan.report import scan_chapter
-    from tjscan.runs.tow.report import tow_chapter
-
-    chapters = (calibration_chapter, crawl_chapter, scan_chapter, tow_chapter)
-    return dict(zip((task.name for task in ALL_TASKS), chapters, strict=True))
-
-
-def page_of_task(task: Task) -> ChapterWriter:
-    """What makes the page of a run that has one of its own: of most tasks it is their chapter."""
-    if task.name == "calibrate":
-        from tjscan.runs.calibration.report import calibration_page
-
-        return calibration_page
-    return report_chapters()[task.name]
+def recorded_tasks(directory: Path) -> list[Task]:
+    """The tasks whose recordings are in a run directory."""
+    return [task for task in ALL_TASKS if (directory / f"{task.recording}.mcap").is_file()]
 
 
 def task_with_own_page(directory: Path) -> Task | None:
     """The task that made a run and has a page of its own for it; None if it is a scan's."""
-    files = [(task, task.recording) for task in ALL_TASKS]
+    found = recorded_tasks(directory)
     if not (directory / JOB_FILE).is_file():  # a run of a job keeps copies of what others found
-        files += [(task, task.result) for task in ALL_TASKS]
-    return next((task for task, name in files if name and (directory / name).is_file()), None)
+        found += [task for task in ALL_TASKS if task.result and (directory / task.result).is_file()]
+    return next((task for task in found if task.page), None)
 
 
 def read_recorded_show(directory: Path) -> RecordedShow:
@@ -91,19 +92,11 @@ def read_recorded_show(directory: Path) -> RecordedShow:
     RecordingError
         If its recording is damaged.
     """
-    from tjscan.runs.live.calibration import read_calibration_show
-    from tjscan.runs.live.crawl import read_crawl_show
-    from tjscan.runs.live.scan import read_scan_show
-    from tjscan.runs.live.tow import read_tow_show
-
-    readers: list[ShowReader]
-    readers = [read_calibration_show, read_crawl_show, read_scan_show, read_tow_show]
-    for recording, read in zip(SHOWN_RECORDINGS, readers, strict=True):
-        if recording_files(directory, recording)[0].is_file():
-            show, entries = read(directory)
-            if not (steps := tuple(map(show.step, entries))):
-                raise ConfigurationError("nothing was recorded in it yet", file=directory)
-            return RecordedShow(show.setting, steps)
+    for task in recorded_tasks(directory):
+        show, entries = task.load("show")(directory)
+        if not (steps := tuple(map(show.step_of_entry, entries))):
+            raise ConfigurationError("nothing was recorded in it yet", file=directory)
+        return RecordedShow(show.setting, steps)
     raise ConfigurationError(
         "holds no recording that can be shown: give the directory of a scan, a crawl, a tow or a "
         "calibration, or of one station",
@@ -111,7 +104,7 @@ def read_recorded_show(directory: Path) -> RecordedShow:
     )
 
 
-def study_backend_of_task(task: str) -> StudyBackend[Any]:
+def study_backend_of_task(name: str) -> StudyBackend[Any]:
     """What a study of a task varies, runs and measures.
 
     Raises
@@ -119,18 +112,13 @@ def study_backend_of_task(task: str) -> StudyBackend[Any]:
     ConfigurationError
         If there is no such task, or it can't be studied.
     """
-    from tjscan.runs.crawl.study import CRAWL_STUDY
-    from tjscan.runs.scan.study import SCAN_STUDY
-    from tjscan.runs.tow.study import TOW_STUDY
-
-    backends: dict[str, StudyBackend[Any]]
-    backends = {"crawl": CRAWL_STUDY, "scan": SCAN_STUDY, "tow": TOW_STUDY}
-    names = [one.name for one in ALL_TASKS]
-    if task not in names:
+    tasks = {task.name: task for task in ALL_TASKS}
+    if name not in tasks:
         raise ConfigurationError(
-            f"there is no task {task!r}; did you mean: {nearest_word(task, names)}? "
-            f"Known: {', '.join(names)}"
+            f"there is no task {name!r}; did you mean: {nearest_word(name, list(tasks))}? "
+            f"Known: {', '.join(tasks)}"
         )
-    if task not in backends:
-        raise ConfigurationError(f"the task {task!r} brings no study")
-    return backends[task]
+    if not tasks[name].study:
+        raise ConfigurationError(f"the task {name!r} brings no study")
+    backend: StudyBackend[Any] = tasks[name].load("study")
+    return backend

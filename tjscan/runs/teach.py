@@ -61,7 +61,7 @@ def teach_pose(
     job : ScanJob
         The job as it was read, with keys replaced or not; of one station, if it has any.
     job_file : Path
-        Where it was read from, and what is changed.
+        The file that it was read from, and what is changed.
     which : str
         Which of the two start poses it is.
     lead : sequence of float, shape (3,), optional
@@ -142,7 +142,7 @@ def write_start_pose(
         raise ConfigurationError(f"can't be read again: {error}", file=job_file) from None
     table: Any = document
     for name in key:
-        table = _table_in(table, name, job_file)
+        table = _find_inner_table(table, name, job_file)
     table["position_mm"] = list(position_mm)
     table["euler_zyx_deg"] = list(euler_zyx_deg)
     with write_files_atomically(file.parent) as folder:
@@ -155,7 +155,7 @@ def write_start_pose(
             raise ConfigurationError(error.message, file=job_file, key=error.key) from None
 
 
-def _table_in(parent: Any, name: str, job_file: Path) -> Any:
+def _find_inner_table(parent: Any, name: str, job_file: Path) -> Any:
     """A table in a table, or in an array of tables by its name."""
     if isinstance(parent, MutableMapping):
         found = parent.get(name)

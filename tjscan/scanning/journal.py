@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,13 @@ class ScanEvent(StrEnum):
     FAILED = "failed"
 
 
+RETRY_EVENTS: Final = (
+    *(ScanEvent.TAKEN_AGAIN, ScanEvent.MERGED, ScanEvent.NUDGE),
+    *(ScanEvent.HALF_STEP, ScanEvent.RETREAT),
+)
+"""Events of each kind of retry, in the order of the fields of `RetryCounts`."""
+
+
 @dataclass(frozen=True, slots=True)
 class RetryCounts:
     """How often each kind of retry was made.
@@ -70,13 +77,7 @@ class RetryCounts:
     def of_events(cls, names: Iterable[str]) -> Self:
         """Count the retries among events, by their names."""
         count = Counter(names)
-        return cls(
-            taken_again=count[ScanEvent.TAKEN_AGAIN],
-            merged=count[ScanEvent.MERGED],
-            nudges=count[ScanEvent.NUDGE],
-            half_steps=count[ScanEvent.HALF_STEP],
-            retreats=count[ScanEvent.RETREAT],
-        )
+        return cls(*(count[event] for event in RETRY_EVENTS))
 
 
 class StopReason(StrEnum):
@@ -308,15 +309,15 @@ class ScannedSurfaceObstacle:
     ) -> None:
         self._clearance = clearance
         self._points_b = [section.points_b for section in sections]
-        self._update()
+        self._update_obstacle()
 
     def record(self, message: object) -> None:
         """Add the strip from the last section to this one; false points of profiles are none."""
         if isinstance(message, ScannedSection):
             self._points_b.append(message.points_b)
-            self._update()
+            self._update_obstacle()
 
-    def _update(self) -> None:
+    def _update_obstacle(self) -> None:
         if len(self._points_b) > 1:
             points = np.array(self._points_b)
             triangles = grid_triangles(*points.shape[:2])

@@ -9,18 +9,9 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from tjscan.core import pose_vector
+from tjscan.core import pose_vector, units
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
-from tjscan.core.units import (
-    DEG,
-    LIST_OR_WORD_IN_FILE,
-    MM,
-    MM2,
-    FileKey,
-    PoseSettings,
-    SettingsTable,
-)
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning import seam_fit
 from tjscan.scanning.section import ScannedSection, Sections, SetPoint, StepLengthRule
@@ -34,7 +25,7 @@ TRIED_STEP_LENGTHS: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
-class AdaptiveStepSettings(SettingsTable):
+class AdaptiveStepSettings(units.SettingsTable):
     """The table [scan.adaptive]: how much may change from section to section.
 
     Steps are as long as that allows; the plan's step counts for the taught poses alone.
@@ -51,11 +42,11 @@ class AdaptiveStepSettings(SettingsTable):
         Of the groove's direction, as it bends at the last section, radians.
     """
 
-    least: Annotated[float, Ge(5), Le(300), MM] = 0.01
-    most: Annotated[float, Ge(5), Le(300), MM] = 0.08
-    angle_change: Annotated[float, Gt(0), Le(90), DEG] = radians(3.0)
-    area_change: Annotated[float, Gt(0), Le(1e5), MM2] = 50e-6
-    turn: Annotated[float, Gt(0), Le(90), DEG] = radians(20.0)
+    least: Annotated[float, Ge(5), Le(300), units.MM] = 0.01
+    most: Annotated[float, Ge(5), Le(300), units.MM] = 0.08
+    angle_change: Annotated[float, Gt(0), Le(90), units.DEG] = radians(3.0)
+    area_change: Annotated[float, Gt(0), Le(1e5), units.MM2] = 50e-6
+    turn: Annotated[float, Gt(0), Le(90), units.DEG] = radians(20.0)
 
     def __post_init__(self) -> None:
         if self.least > self.most:
@@ -106,10 +97,10 @@ VIEW_DEVIATION_SIGMAS: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionCriterion(SettingsTable):
+class CorrectionCriterion(units.SettingsTable):
     """Criterion, table [scan.skip], for when a view is good enough to skip the correction.
 
-    A correction changes how the sensor looks at a section, not where the section lies: its points
+    A correction changes how the sensor looks at a section, not where the section is: its points
     are points of the groove's edges from either view. The tolerances keep the view good.
 
     Parameters
@@ -130,9 +121,9 @@ class CorrectionCriterion(SettingsTable):
     """
 
     enabled: bool | None = None
-    position: Annotated[float, Gt(0), Le(50), MM] = 8e-3
-    work_angle: Annotated[float, Gt(0), Le(30), DEG] = radians(5)
-    rotation: Annotated[float, Gt(0), Le(30), DEG] = radians(8)
+    position: Annotated[float, Gt(0), Le(50), units.MM] = 8e-3
+    work_angle: Annotated[float, Gt(0), Le(30), units.DEG] = radians(5)
+    rotation: Annotated[float, Gt(0), Le(30), units.DEG] = radians(8)
 
     def allows_skipping(self, off: Array, sigma: Array) -> bool:
         """Whether a view that is off the ideal one may be kept.
@@ -210,7 +201,7 @@ def view_deviation_sigmas(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ScanPlan(SettingsTable):
+class ScanPlan(units.SettingsTable):
     """The table [scan]: step, direction, view and end of a scan.
 
     Parameters
@@ -241,25 +232,27 @@ class ScanPlan(SettingsTable):
         The taught poses of the flange in frame b; each station has its own.
     """
 
-    direction: Annotated[ScanDirection, LIST_OR_WORD_IN_FILE] = ScanDirection.COUNTERCLOCKWISE
-    step: Annotated[float, Ge(5), Le(300), MM] = 0.04
-    prediction: Annotated[Literal[1, 2, 3, 4, "smooth"], FileKey("prediction_case")] = 3
-    pull_angle: Annotated[float, Ge(-45), Le(45), DEG] = radians(10)
-    standoff: Annotated[float, Ge(10), Le(2000), MM] = 0.23
-    offset: Annotated[float, Ge(-500), Le(500), MM.with_key("view_offset_mm")] = -0.015
-    length: Annotated[float | None, Gt(0), MM] = None
+    direction: Annotated[ScanDirection, units.LIST_OR_WORD_IN_FILE] = ScanDirection.COUNTERCLOCKWISE
+    step: Annotated[float, Ge(5), Le(300), units.MM] = 0.04
+    prediction: Annotated[Literal[1, 2, 3, 4, "smooth"], units.FileKey("prediction_case")] = 3
+    pull_angle: Annotated[float, Ge(-45), Le(45), units.DEG] = radians(10)
+    standoff: Annotated[float, Ge(10), Le(2000), units.MM] = 0.23
+    offset: Annotated[float, Ge(-500), Le(500), units.MM.with_key("view_offset_mm")] = -0.015
+    length: Annotated[float | None, Gt(0), units.MM] = None
     sections: Annotated[int | None, Ge(3)] = None
-    return_tolerance: Annotated[float, Gt(0), Le(50), MM.with_key("resume_tolerance_mm")] = 0.5e-3
-    criterion: Annotated[CorrectionCriterion, FileKey("skip")] = field(
+    return_tolerance: Annotated[float, Gt(0), Le(50), units.MM.with_key("resume_tolerance_mm")] = (
+        0.5e-3
+    )
+    criterion: Annotated[CorrectionCriterion, units.FileKey("skip")] = field(
         default_factory=CorrectionCriterion
     )
     adaptive: AdaptiveStepSettings | None = None
-    first: PoseSettings | None = None
-    second: PoseSettings | None = None
+    first: units.PoseSettings | None = None
+    second: units.PoseSettings | None = None
 
     @property
     def correction_criterion(self) -> CorrectionCriterion | None:
-        """Criterion for skipping corrections; None where each is made, as in the paper."""
+        """Criterion for skipping corrections; None if each is made, as in the paper."""
         enabled = self.criterion.enabled
         if enabled is None:
             enabled = self.prediction == SMOOTH_PREDICTION

@@ -139,7 +139,7 @@ class ProfileTaker:
         ScanInterrupted
             If everything is to stop at once.
         """
-        profile = self._capture(index, substep, state)
+        profile = self._capture_until_good(index, substep, state)
         T_b_s = state.T_b_f @ self._setup.T_f_s
         view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
         self.remember_view(view)
@@ -167,13 +167,13 @@ class ProfileTaker:
         self._log.record(view)
         return view
 
-    def _capture(self, index: int, substep: Substep, state: ArmState) -> Profile:
+    def _capture_until_good(self, index: int, substep: Substep, state: ArmState) -> Profile:
         missed = 0
         while True:
             self._stop.raise_if_stop_now()
             try:
                 profile = self._setup.laser.capture()
-                self._check_new(profile, state)
+                self._check_profile_is_new(profile, state)
                 return profile
             except LaserFault as error:
                 missed += 1
@@ -184,7 +184,7 @@ class ProfileTaker:
                 detail = f"section {index}, {substep}: {error}"
                 self._log.record_event(ScanEvent.TAKEN_AGAIN, detail)
 
-    def _check_new(self, profile: Profile, state: ArmState) -> None:
+    def _check_profile_is_new(self, profile: Profile, state: ArmState) -> None:
         """Refuse a profile that is late or frozen.
 
         Parameters
@@ -223,7 +223,7 @@ def merge_repeated_profiles(profiles: Sequence[Profile]) -> Profile | None:
     Returns
     -------
     Profile or None
-        Means of the points that agree, with the time of the last profile; None where fewer than
+        Means of the points that agree, with the time of the last profile; None if fewer than
         `AGREEING_PROFILES` profiles differ.
     """
     distinct = list({profile.z_s.tobytes(): profile for profile in profiles}.values())

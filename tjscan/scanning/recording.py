@@ -11,7 +11,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
@@ -19,7 +19,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.core.signals import hold_ctrl_c
+from tjscan.core.signals import delay_ctrl_c
 from tjscan.laser.profile import Profile
 from tjscan.recording import foxglove
 from tjscan.recording.header import JobSnapshot
@@ -40,12 +40,7 @@ recorded: it follows from the profile."""
 JOINTS_TOPIC: Final = Topic.of("/joints", JointStates)
 SCENE_TOPIC: Final = Topic.of("/scene", SceneUpdate)
 
-TOPICS_READ: Final[tuple[Topic[Any], ...]] = (
-    VIEW_TOPIC,
-    foxglove.PROFILE_TOPIC,
-    SECTION_TOPIC,
-    LOG_TOPIC,
-)
+TOPICS_READ: Final = (VIEW_TOPIC, foxglove.PROFILE_TOPIC, SECTION_TOPIC, LOG_TOPIC)
 """What is read again; the rest is for viewers."""
 
 SCAN_TOPICS: Final = (*TOPICS_READ, foxglove.TRANSFORMS_TOPIC, JOINTS_TOPIC, SCENE_TOPIC)
@@ -82,7 +77,7 @@ class ScanRecordingWriter(RecordingWriter):
         if fixed:
             self._add_frames({("b", name): T for name, T in fixed.items()})
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def record(self, message: object) -> None:
         """Write a view before it is read, an event, or a section, which is brought to the disk."""
         match message:

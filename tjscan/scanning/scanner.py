@@ -7,15 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from tjscan.core.errors import (
-    ConfigurationError,
-    GrooveNotFound,
-    JointMoved,
-    PoseUnreachable,
-    SetPointRefused,
-    StartOnTack,
-    StartSeesNoGroove,
-)
+from tjscan.core import errors
 from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.recording.journal import Journal
@@ -39,7 +31,6 @@ from tjscan.scanning.section import (
     Sections,
     SetPoint,
     SetPointPredictor,
-    StepLengthRule,
     StepRequest,
     Substep,
 )
@@ -60,9 +51,7 @@ class Scanner:
     journal : Journal
         Receives everything at once.
     predictor : SetPointPredictor, optional
-        Predicts where the next section lies; the plan's if left out.
-    step_rule : StepLengthRule, optional
-        Chooses the length of each step; the plan's if left out.
+        Predicts where the next section is; the plan's if left out.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
     """
@@ -73,13 +62,12 @@ class Scanner:
         plan: ScanPlan,
         journal: Journal,
         predictor: SetPointPredictor | None = None,
-        step_rule: StepLengthRule | None = None,
         stop: StopRequest | None = None,
     ) -> None:
         self._setup, self._plan = setup, plan
         self._predict = predictor or predictor_for_plan(plan)
         adaptive = None if plan.adaptive is None else adaptive_step_rule(plan.adaptive)
-        self._step_length = step_rule or adaptive or (lambda sections: plan.step)
+        self._step_length = adaptive or (lambda sections: plan.step)
         self._stop = stop or StopRequest()
         self._log = ScanResultsJournal(journal)
         self._taker = ProfileTaker(setup, self._log, self._stop)
@@ -113,7 +101,7 @@ class Scanner:
         return self._scan_until_done()
 
     def resume(self, done: RecordedScan, sections: Sections) -> ScanResult:
-        """Go back to the last section of an interrupted scan, check that it lies there, and go on.
+        """Go back to the last section of an interrupted scan, check that it is there, and go on.
 
         Parameters
         ----------
@@ -125,7 +113,7 @@ class Scanner:
         Raises
         ------
         JointMoved
-            If the last section lies elsewhere now, or is not found any more.
+            If the last section is elsewhere now, or is not found any more.
         PoseUnreachable
             Before anything moves, if the arm can't get from where it is into the
             configuration that it scanned in.
@@ -156,11 +144,11 @@ class Scanner:
                 return self._end_scan(StopReason.REQUESTED)
             try:
                 self._finish_section(self._step_with_retries(d_st))
-            except PoseUnreachable as error:
+            except errors.PoseUnreachable as error:
                 return self._end_scan(StopReason.UNREACHABLE, str(error))
-            except (GrooveNotFound, JointMoved) as error:
+            except (errors.GrooveNotFound, errors.JointMoved) as error:
                 return self._end_scan(StopReason.LOST, str(error))
-            except SetPointRefused as error:
+            except errors.SetPointRefused as error:
                 return self._end_scan(StopReason.REFUSED, str(error))
 
     def _finish_section(self, section: ScannedSection) -> None:
@@ -184,16 +172,16 @@ class Scanner:
         PoseUnreachable
             If the step itself leads out of reach, and the shorter ones do not help.
         """
-        lost: GrooveNotFound | SetPointRefused | PoseUnreachable
+        lost: errors.GrooveNotFound | errors.SetPointRefused | errors.PoseUnreachable
         try:
             return self._step(d_st)
         except retries.NotRead as error:
             lost = error
-        except PoseUnreachable as error:
+        except errors.PoseUnreachable as error:
             if plan_is_fulfilled(StopReason.UNREACHABLE, self._plan):
                 raise
             lost = error
-        for retry in retries.step_retries(d_st, past_tacks=isinstance(lost, GrooveNotFound)):
+        for retry in retries.step_retries(d_st, past_tacks=isinstance(lost, errors.GrooveNotFound)):
             self._log.record_event(retry.event, retry.describe(lost))
             try:
                 if retry.from_last_section:
@@ -202,10 +190,10 @@ class Scanner:
                 return self._step(retry.length)
             except retries.NotRead as error:
                 lost = error
-            except PoseUnreachable:
+            except errors.PoseUnreachable:
                 continue  # of a step on a bend: the next one starts or ends elsewhere
-            except JointMoved as moved:
-                raise JointMoved(f"after {lost}, {moved.evidence}") from None
+            except errors.JointMoved as moved:
+                raise errors.JointMoved(f"after {lost}, {moved.evidence}") from None
         raise lost
 
     def _step(self, d_st: float) -> ScannedSection:
@@ -252,7 +240,7 @@ class Scanner:
         PoseUnreachable, LaserFault
             As devices do.
         """
-        lost: GrooveNotFound | SetPointRefused
+        lost: errors.GrooveNotFound | errors.SetPointRefused
         try:
             return self._read_from_set_point(to, substep, step)
         except retries.NotRead as error:
@@ -264,7 +252,7 @@ class Scanner:
             self._log.record_event(ScanEvent.NUDGE, f"{where}, {change}: {lost}")
             try:
                 return self._read_from_set_point(other, substep, step, once=True)
-            except (*retries.NotRead, PoseUnreachable):
+            except (*retries.NotRead, errors.PoseUnreachable):
                 continue
         raise lost
 
@@ -307,7 +295,7 @@ class Scanner:
                 if once or sections_before.root_is_seen(section.groove):
                     return section
                 rootless, why, most = section, "the root is not seen", 1 + retries.REPEATED_PROFILES
-            except GrooveNotFound as error:
+            except errors.GrooveNotFound as error:
                 lost, why, most = error, str(error), retries.max_profiles_per_pose(error)
             if once or len(views) >= most:
                 break
@@ -324,7 +312,7 @@ class Scanner:
             self._log.record_event(ScanEvent.MERGED, what)
             try:
                 return self._read_and_check(merged, T_s_t, step)
-            except GrooveNotFound as error:
+            except errors.GrooveNotFound as error:
                 lost = error
         if rootless:
             return rootless
@@ -335,7 +323,7 @@ class Scanner:
     ) -> ScannedSection:
         """Read the groove in a view and check that it fits the step, if there is one.
 
-        Without T_s_t frame t lies where the plan wants it for this groove.
+        Without T_s_t frame t is where the plan wants it for this groove.
 
         Raises
         ------
@@ -360,10 +348,10 @@ class Scanner:
         """Read the groove at a taught pose, as the next section."""
         try:
             section = self._read_until_found(state, len(self._log.sections), Substep.TAUGHT)
-        except GrooveNotFound as error:
-            raise StartSeesNoGroove(which, error) from None
+        except errors.GrooveNotFound as error:
+            raise errors.StartSeesNoGroove(which, error) from None
         if section.groove.on_tack:
-            raise StartOnTack(which)
+            raise errors.StartOnTack(which)
         self._log.record(section)
 
     def _check_last_section(self, state: ArmState) -> float:
@@ -378,14 +366,14 @@ class Scanner:
         index = len(self._log.sections) - 1
         try:
             now = self._read_until_found(state, index, Substep.RESUMED, last.T_s_t)
-        except GrooveNotFound as error:
-            raise JointMoved(f"the last section is not there any more: {error}") from None
+        except errors.GrooveNotFound as error:
+            raise errors.JointMoved(f"the last section is not there any more: {error}") from None
         apart = np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4]
         known = sections_before.largest_chance_differences(now.groove, last.groove) < tolerance
         moved = float(apart[known].max(initial=apart.min()))
         if moved > tolerance:
-            raise JointMoved(
-                f"the last section lies {1e3 * moved:.2f} mm from where it was, "
+            raise errors.JointMoved(
+                f"the last section is {1e3 * moved:.2f} mm from where it was, "
                 f"{1e3 * tolerance:.2f} mm are allowed"
             )
         return moved
@@ -398,8 +386,8 @@ class Scanner:
             forward = -forward
         if forward < 0.1 * self._plan.step:
             apart = 1e3 * float(np.linalg.norm(second[:3, 3] - first[:3, 3]))
-            raise ConfigurationError(
-                f"the second taught section lies {apart:.1f} mm from the first, "
+            raise errors.ConfigurationError(
+                f"the second taught section is {apart:.1f} mm from the first, "
                 f"{'behind it' if forward < 0 else 'too close'} for a {self._plan.direction} scan; "
                 "teach the second pose about one step further on, or turn the direction",
                 key="scan.second",

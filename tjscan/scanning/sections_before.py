@@ -61,7 +61,7 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
     away = min(float(np.linalg.norm(p_b - start)) for start in starts)
     if not away <= FARTHEST_SET_POINT_STEPS * step.length:  # a length that is no number allows none
         raise SetPointRefused(
-            f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
+            f"it is {1e3 * away:.1f} mm from the last section, after a step of "
             f"{1e3 * step.length:.1f} mm"
         )
     T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
@@ -98,12 +98,12 @@ ROOT_WIDENING_LENGTH: Final = 0.02
 """Metres of groove over which a root may go on widening: round a joint it goes to and fro."""
 
 SECTION_STEPS_AHEAD_BOUNDS: Final = (0.3, 2.0)
-"""Steps that a section lies ahead of the last one, at least and at most."""
+"""Steps that a section is ahead of the last one, at least and at most."""
 
 MOST_SECTION_STEPS_ASIDE: Final = 1.0
 """Steps that it is aside of the end of the step, at most."""
 
-ASIDE_ALLOWANCE: Final = 3e-3
+SIDE_ALLOWANCE: Final = 3e-3
 """Metres aside that need no bend of the groove: errors of reading, of the arm, of teaching."""
 
 LEAST_UPRIGHT_COSINE: Final = 0.25
@@ -200,7 +200,7 @@ def root_is_known(groove: GrooveSection) -> bool:
 
 
 def name_tack_of_section(found: ScannedSection, before: Sections) -> ScannedSection:
-    """Name a tack weld where weld metal lies higher in the root than before it.
+    """Name a tack weld where weld metal is higher in the root than before it.
 
     One profile shows a convex face in the root; whether that is the root bead or a tack over it
     shows the root that was seen last: no groove widens and grows shallower so fast.
@@ -256,7 +256,7 @@ def _implausible_reading(evidence: str) -> GrooveNotFound:
 
 
 def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> None:
-    """Refuse a section that does not lie about a step ahead of the last one, as it was meant.
+    """Refuse a section that is not about a step ahead of the last one, as it was meant.
 
     Were it accepted, such a section would turn the next set-point round and lead the arm astray.
 
@@ -278,13 +278,13 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
     aside = float(np.linalg.norm(gone - ahead * direction_b))
     # A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that.
     bend = length * length / TIGHTEST_GROOVE_BEND_RADIUS
-    most_aside = min(ASIDE_ALLOWANCE + bend, MOST_SECTION_STEPS_ASIDE * length + ASIDE_ALLOWANCE)
+    most_aside = min(SIDE_ALLOWANCE + bend, MOST_SECTION_STEPS_ASIDE * length + SIDE_ALLOWANCE)
     if not (
         SECTION_STEPS_AHEAD_BOUNDS[0] * length < ahead < SECTION_STEPS_AHEAD_BOUNDS[1] * length
         and aside < most_aside
     ):
         raise _implausible_reading(
-            f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
+            f"what was read is {1e3 * ahead:.1f} mm ahead of the last section and "
             f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made"
         )
     turn = rotation_angle_between(step.last.T_b_g, found.T_b_g)
@@ -312,13 +312,13 @@ def check_section_orientation(groove: GrooveSection) -> None:
 
 
 def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:
-    """Refuse a section whose own measures can't follow those of the last one.
+    """Refuse a section whose own measures can't follow the last one's.
 
     Parameters
     ----------
     found : ScannedSection
-        What was read, the laser plane turned as for the last section: measures of a plane that
-        lies otherwise are other measures.
+        What was read, the laser plane turned as for the last section: in another plane the
+        measures are others.
     step : StepRequest
         The step that was made.
 
@@ -376,7 +376,7 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
     if (aside > allowed).any():
         k = int((aside - allowed).argmax())
         raise _implausible_reading(
-            f"its corners lie {1e3 * aside[k]:.1f} mm from where the prediction view showed them, "
+            f"its corners are {1e3 * aside[k]:.1f} mm from where the prediction view showed them, "
             f"{1e3 * allowed[k]:.1f} mm are plausible"
         )
 
@@ -404,12 +404,8 @@ def _compare_measures(found: ScannedSection, step: StepRequest) -> tuple[Array, 
     of_last, of_now = (np.diag(groove.measure_covariance)[:3] for groove in (last, now))
     noise = LARGEST_CHANCE_SIGMAS * np.sqrt(of_last + of_now)
     before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
-    allowed = noise + factor * np.array(
-        (
-            LARGEST_GROOVE_ANGLE_CHANGE[0] + LARGEST_GROOVE_ANGLE_CHANGE[1] * step.length,
-            largest_root_width_change(last, step.length),
-            BEAD_HEIGHT_ALLOWANCE
-            + (LARGEST_DEPTH_CHANGE[0] + LARGEST_DEPTH_CHANGE[1] * step.length) * before[2],
-        )
-    )
+    changes = LARGEST_GROOVE_ANGLE_CHANGE, LARGEST_DEPTH_CHANGE
+    angle, depth_share = (least + per_metre * step.length for least, per_metre in changes)
+    root, depth = largest_root_width_change(last, step.length), depth_share * before[2]
+    allowed = noise + factor * np.array((angle, root, BEAD_HEIGHT_ALLOWANCE + depth))
     return before, after, np.asarray(allowed)

@@ -12,23 +12,16 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import SetPointRefused, TubesNotFound
 from tjscan.core.frames import Array, cross, inverse_pose, pose, unit_vector
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
-from tjscan.scanning import seam_fit
+from tjscan.scanning import seam_fit, target
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import Sections, SetPoint, SetPointPredictor, StepRequest
 from tjscan.scanning.sections_before import check_set_point
-from tjscan.scanning.target import (
-    PREDICTION_CASES,
-    SMOOTH_PREDICTION,
-    ScanDirection,
-    correction_target_pose,
-    paper_predictor,
-)
 
 _DIFFERENCE_STEP: Final = 1e-6
 
 
 class ExpectedSection:
-    """Model of the next section, with which the predictor solves for where it will lie.
+    """Model of the next section, with which the predictor solves for its place.
 
     A section is given by its origin in b (metres) and the angles of wall and leg in the laser
     plane (radians), shape (5,).
@@ -107,7 +100,7 @@ class ExpectedSection:
         T_b_g = np.eye(4)
         T_b_g[:3, 1], T_b_g[:3, 3] = -wall, section[:3]
         gamma_2 = float(np.arcsin(np.clip(wall @ leg, -1.0, 1.0)))
-        return correction_target_pose(self._T_b_g, T_b_g), 0.5 * self._shape[2] - gamma_2
+        return target.correction_target_pose(self._T_b_g, T_b_g), 0.5 * self._shape[2] - gamma_2
 
     def covariance(self, section: Array, R_b_s: Array) -> Array:
         """Covariance of the ideal frame t (in its own axes) and work angle, shape (7, 7).
@@ -174,16 +167,16 @@ MOST_SOLVER_ROUNDS: Final = 30
 CONVERGED_VIEW_STEP: Final = 1e-7
 """Metres and radians: a smaller step ends the search for the section."""
 
-SAFETY_SIGMAS: Final = 3.0
+MARGIN_SIGMAS: Final = 3.0
 """Standard deviations that are kept from the tolerances of a view: a view planned at
 their edge often needs a correction."""
 
 
 def predictor_for_plan(plan: ScanPlan) -> SetPointPredictor:
     """Predictor of set-points that a plan names."""
-    if plan.prediction == SMOOTH_PREDICTION:
+    if plan.prediction == target.SMOOTH_PREDICTION:
         return tube_fit_predictor(plan)
-    return paper_predictor(PREDICTION_CASES[plan.prediction], plan.direction)
+    return target.paper_predictor(target.PREDICTION_CASES[plan.prediction], plan.direction)
 
 
 def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
@@ -200,7 +193,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     If no such section is found, and if none can be (two sections, one of them misread),
     the prediction is the one of the paper's case 3, which states no covariance.
     """
-    otherwise = paper_predictor(PREDICTION_CASES[3], plan.direction)
+    otherwise = target.paper_predictor(target.PREDICTION_CASES[3], plan.direction)
 
     def predictor(sections: Sections, step: float) -> SetPoint:
         track, last = seam_fit.RecentSections(sections), sections[-1]
@@ -209,14 +202,12 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
             seam = seam_fit.fit_tubes_to_sections(track)
             ahead = ExpectedSection(track, seam, last.T_b_g, step)
             guess = ahead.initial_section(R_b_now)
-            section, ideal = _solve_section_and_pose(
-                ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0)
-            )
+            now = R_b_now, R_b_now, (0.0, 0.0)
+            section, ideal = _solve_section_and_pose(ahead, plan, guess, *now)
             covariance = ahead.covariance(section, _sensor_rotation(ideal))
             slack = _rotation_tolerance_left(plan, covariance, track, step)
-            _, lagging = _solve_section_and_pose(
-                ahead, plan, section, _sensor_rotation(ideal), R_b_now, slack
-            )
+            later = _sensor_rotation(ideal), R_b_now, slack
+            _, lagging = _solve_section_and_pose(ahead, plan, section, *later)
             to = replace(lagging, covariance=covariance, straight=False)
             check_set_point(to, StepRequest(last, lagging.T_b_t[:3, 3], step), plan)
         except (TubesNotFound, SetPointRefused, np.linalg.LinAlgError):
@@ -260,7 +251,7 @@ def _solve_section_and_pose(
         section, R_b_s = found, turned @ R_s_t.T
         if moved < CONVERGED_VIEW_STEP:
             return section, SetPoint(pose(turned, T_b_t[:3, 3]), T_s_t)
-    raise TubesNotFound("no section of the seam lies a step further on")
+    raise TubesNotFound("no section of the seam is a step further on")
 
 
 def _nearest_rotation(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Array:
@@ -281,12 +272,12 @@ def _rotation_tolerance_left(
     criterion = plan.correction_criterion
     if criterion is None:
         return 0.0, 0.0
-    turns = -1.0 if plan.direction is ScanDirection.COUNTERCLOCKWISE else 1.0
+    turns = -1.0 if plan.direction is target.ScanDirection.COUNTERCLOCKWISE else 1.0
     about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
     aside = max(covariance[4, 4], covariance[5, 5])
     origin, opening = track.shape_sigmas[-1, [0, 2]]
-    work_angle = criterion.work_angle - SAFETY_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
-    rotation = criterion.rotation - SAFETY_SIGMAS * hypot(sqrt(aside), origin / step)
+    work_angle = criterion.work_angle - MARGIN_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
+    rotation = criterion.rotation - MARGIN_SIGMAS * hypot(sqrt(aside), origin / step)
     return max(0.0, work_angle), max(0.0, rotation)
 
 

@@ -146,14 +146,10 @@ def stitching_budget(
     moves = [repeatability_cause(sections, repeatability, "assumed") for sections in scans]
     k, noise = len(fits), placement.noise_covariance
     places = np.split(covariance_factor(noise[: 6 * k, : 6 * k]), k)
+    placed = zip(fits, T_j_b, places, strict=True)
     components = [
         *(_component_in_frame_j(causes, T_j_b) for causes in (readings, moves)),
-        _join_stations(
-            [
-                _section_moves_by_twists(fit, T, L)
-                for fit, T, L in zip(fits, T_j_b, places, strict=True)
-            ]
-        ),
+        _join_components([_section_moves_by_twists(fit, T, L) for fit, T, L in placed]),
     ]
     stations, shape = placement.covariance, np.array(noise[6 * k :, 6 * k :])
     for causes, errors in zip(shared.of_station, shared.errors, strict=True):
@@ -169,13 +165,13 @@ def stitching_budget(
                 points, measures = own.points + part.points, own.measures + part.measures
                 part = replace(own, points=points, measures=measures)
             parts.append(part)
-        components.append(_join_stations(parts).compressed())
+        components.append(_join_components(parts).compressed())
     return UncertaintyBudget(tuple(components)), stations, shape
 
 
 def _component_in_frame_j(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -> BudgetComponent:
     pairs = zip(causes, T_j_b, strict=True)
-    return _join_stations([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
+    return _join_components([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
 
 
 def _section_moves_by_twists(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
@@ -186,7 +182,7 @@ def _section_moves_by_twists(fit: StationTubeFit, T_j_b: Array, twists: Array) -
     return BudgetComponent(STATION_PLACES_CAUSE, "observed", True, moved, measures)
 
 
-def _join_stations(parts: Sequence[BudgetComponent]) -> BudgetComponent:
+def _join_components(parts: Sequence[BudgetComponent]) -> BudgetComponent:
     """One component of the sections of all stations."""
     named = next((part for part in parts if part.name != STATION_PLACES_CAUSE), parts[0])
     return replace(

@@ -10,26 +10,11 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core import frames
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
-from tjscan.core.frames import (
-    Array,
-    array_dataclass,
-    inverse_pose,
-    rotation_angle_between,
-    transform_points,
-    unit_vector,
-    unit_vectors,
-)
 from tjscan.groove.section import GrooveSection
+from tjscan.joint.tubes import fit as tube_fit
 from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
-from tjscan.joint.tubes.fit import (
-    ArmRepeatability,
-    FittedTubes,
-    JointFrame,
-    WallPoints,
-    fit_tubes_to_walls,
-    joint_frame_from_tubes,
-)
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection, Sections
 from tjscan.stitching.unrolled_views import moves_of_wall_points, wall_points_of_views
@@ -62,7 +47,7 @@ class StitchSettings:
         Share of the overlap's views to which the robust kernel must give weight.
     """
 
-    repeatability: ArmRepeatability = field(default_factory=ArmRepeatability)
+    repeatability: tube_fit.ArmRepeatability = field(default_factory=tube_fit.ArmRepeatability)
     out_of_round: float = 2e-5
     most_out_of_round: float = 4e-3
     least_overlap: float = radians(10.0)
@@ -75,7 +60,7 @@ class StitchSettings:
 DEFAULT_STITCH_SETTINGS = StitchSettings()
 
 
-FRAME_J_X_DIRECTION_W = unit_vector(np.array((4.0, 2.0, 1.0)))
+FRAME_J_X_DIRECTION_W = frames.unit_vector(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
 along ±x, else +y, else +z."""
 
@@ -89,7 +74,7 @@ SAME_FLANGE_POSE_TOLERANCE = 1e-9
 """Metres and shares of one, by which the poses of an arm that did not move differ."""
 
 
-@array_dataclass
+@frames.array_dataclass
 class Station:
     """Sections that were scanned from one station, and where the arm's base nominally was.
 
@@ -110,7 +95,7 @@ class Station:
     """
 
     name: str
-    T_w_b: Array
+    T_w_b: frames.Array
     sections: tuple[ScannedSection, ...]
     all_sections: tuple[ScannedSection, ...]
     causes: tuple[ViewCause, ...] = ()
@@ -128,7 +113,7 @@ def _view_fingerprint(view: ProfileView) -> bytes:
 
 def station_from_recording(
     name: str,
-    T_w_b: Array,
+    T_w_b: frames.Array,
     sections: Sections,
     views: Sequence[ProfileView],
     read: Callable[[Profile], GrooveSection],
@@ -180,9 +165,9 @@ class StationTubeFit:
     """
 
     station: Station
-    walls: WallPoints
-    tubes: FittedTubes
-    frame: JointFrame
+    walls: tube_fit.WallPoints
+    tubes: tube_fit.FittedTubes
+    frame: tube_fit.JointFrame
 
 
 TubeFits = Sequence[StationTubeFit]
@@ -214,8 +199,8 @@ def fit_tubes_to_stations(
             walls = wall_points_of_views(sections)
             shared = [moves_of_wall_points(walls, sections, cause) for cause in station.causes]
             moves = np.concatenate(shared, axis=2) if shared else None
-            tubes = fit_tubes_to_walls(walls, settings.repeatability, brace, leg, moves)
-            found = joint_frame_from_tubes(tubes, station.T_w_b[:3, :3].T @ side_w)
+            tubes = tube_fit.fit_tubes_to_walls(walls, settings.repeatability, brace, leg, moves)
+            found = tube_fit.joint_frame_from_tubes(tubes, station.T_w_b[:3, :3].T @ side_w)
         except TubesNotFound as error:
             raise StitchingRefused(
                 "joint not found",
@@ -231,10 +216,10 @@ def fit_tubes_to_stations(
 def _check_nominal_poses_agree(first: StationTubeFit, other: StationTubeFit) -> None:
     """Refuse nominal poses too far off to decide which side of the joint a station saw."""
     a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
-    if (turned := rotation_angle_between(a, b)) > LARGEST_POSE_DISAGREEMENT:
+    if (turned := frames.rotation_angle_between(a, b)) > LARGEST_POSE_DISAGREEMENT:
         raise StitchingRefused(
             "nominal poses disagree",
-            f"by where their bases were meant to stand, stations {first.station.name} and "
+            f"by the nominal places of their bases, stations {first.station.name} and "
             f"{other.station.name} see the joint turned by {np.degrees(turned):.0f}°, "
             f"{np.degrees(LARGEST_POSE_DISAGREEMENT):.0f}° are allowed: which side of it each saw "
             "stays open. Put euler_zyx_deg of their [[station]] right in job.toml, and stitch "
@@ -254,12 +239,14 @@ def _initial_tubes(station: Station) -> tuple[Cylinder, Cylinder]:
     cylinders = []
     for k, name in enumerate(("wall_s", "leg_s")):
         across = np.array([s.view.T_b_s[:3, :3] @ getattr(s.groove, name) for s in sections[1:-1]])
-        normals = unit_vectors(np.cross(along[:, k], across))
+        normals = frames.unit_vectors(np.cross(along[:, k], across))
         cylinders.append(cylinder_from_normals(corners[1:-1, k], normals))
     return cylinders[0], cylinders[1]
 
 
-def widen_frame_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame:
+def widen_frame_for_out_of_round(
+    frame: tube_fit.JointFrame, out_of_round: float
+) -> tube_fit.JointFrame:
     """Widen a joint frame's covariance for tubes that are out of round.
 
     Parameters
@@ -304,11 +291,11 @@ class AzimuthArc:
         """Azimuth of the arc's middle, radians, -pi to pi."""
         return float(np.angle(np.exp(0.5j * (self.start + self.end))))
 
-    def offset_from_middle(self, azimuth: Array) -> Array:
+    def offset_from_middle(self, azimuth: frames.Array) -> frames.Array:
         """Angles of azimuths from the arc's middle, -pi to pi."""
         return np.asarray(np.angle(np.exp(1j * (azimuth - 0.5 * (self.start + self.end)))))
 
-    def contains(self, azimuth: Array) -> Array:
+    def contains(self, azimuth: frames.Array) -> frames.Array:
         """Whether azimuths lie within the arc."""
         return np.asarray(np.abs(self.offset_from_middle(azimuth)) <= 0.5 * self.span_angle + 1e-9)
 
@@ -333,20 +320,20 @@ class StationOverlap:
     sections: tuple[int, int]
 
 
-def section_azimuths(fit: StationTubeFit) -> Array:
+def section_azimuths(fit: StationTubeFit) -> frames.Array:
     """Azimuths of a station's sections in their order, without jumps, shape (n,)."""
-    T_j_b = inverse_pose(fit.frame.T)
+    T_j_b = frames.inverse_pose(fit.frame.T)
     middle = np.array([scan.points_b[2:4].mean(axis=0) for scan in fit.station.sections])
-    x, y, _ = transform_points(T_j_b, middle).T
+    x, y, _ = frames.transform_points(T_j_b, middle).T
     return np.unwrap(np.arctan2(y, x))
 
 
-def arc_of_azimuths(azimuths: Array) -> AzimuthArc:
+def arc_of_azimuths(azimuths: frames.Array) -> AzimuthArc:
     """Arc that a station's section azimuths reach over."""
     return AzimuthArc(float(azimuths.min()), float(azimuths.max()))
 
 
-def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
+def find_overlaps(azimuths: Sequence[frames.Array]) -> list[StationOverlap]:
     """Find every arc that two stations share, however short; two stations may share two.
 
     Parameters
@@ -367,7 +354,7 @@ def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
     return overlaps
 
 
-def azimuth_coverage(azimuths: Sequence[Array]) -> tuple[float, list[AzimuthArc]]:
+def azimuth_coverage(azimuths: Sequence[frames.Array]) -> tuple[float, list[AzimuthArc]]:
     """How much of the full turn stations cover, in radians, and the gaps.
 
     Neighbouring sections further apart than `STATION_GAP_IN_STEPS` usual steps have a gap

@@ -147,11 +147,10 @@ class StitchedGroove:
             fits, self.registrations, placement, shared, settings.repeatability
         )
         self.shape, self.shape_sigma = placement.shape, np.sqrt(np.diag(shape_covariance))
+        placed = zip(fits, placement.T, covariances, map(arc_of_azimuths, azimuths), strict=True)
         self.stations = tuple(
-            PlacedStation(fit, T @ inverse_pose(fit.frame.T), covariance, arc_of_azimuths(azimuth))
-            for fit, T, covariance, azimuth in zip(
-                fits, placement.T, covariances, azimuths, strict=True
-            )
+            PlacedStation(fit, T @ inverse_pose(fit.frame.T), covariance, arc)
+            for fit, T, covariance, arc in placed
         )
         # Weighed by what is each station's own: what they share would not make one of them worse.
         single = [
@@ -218,7 +217,7 @@ def place_stations_with_out_of_round(
     """Place stations, and find how far tubes must be out of round for all to agree.
 
     A station can't see that the half of a tube before it is not round: it finds frame j a little
-    elsewhere. Overlaps are not affected. Where the two disagree, tubes weigh less.
+    elsewhere. Overlaps are not affected. If the two disagree, tubes weigh less.
 
     Parameters
     ----------

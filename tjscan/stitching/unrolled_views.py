@@ -149,7 +149,7 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
     if (count < FEWEST_POINTS).any():
         return np.empty((0, 3)), np.empty(0)
     curve = _side_curve(s, d, float(length))
-    # Averaged along the curve, not across it: the mean of a bent line lies beside it.
+    # Averaged along the curve, not across it: the mean of a bent line is beside it.
     at = np.bincount(share, s, NODES_PER_SIDE) / count
     height = curve(at) + np.bincount(share, d - curve(s), NODES_PER_SIDE) / count
     noise = max(float(np.std(d - curve(s))), LEAST_POINT_SIGMA)
@@ -168,7 +168,7 @@ TILT_LEVER: Final = 0.02
 """Metres along a wall over which its tilt is given as an offset."""
 
 CORNER_VALUE_COUNT: Final = 6
-"""The first values are those of p2, p3 and p4."""
+"""The first values are of p2, p3 and p4."""
 
 WIDEST_LEG_SHARE: Final = 0.999
 """Share of the leg's radius beyond which nothing is over the leg."""
@@ -229,7 +229,7 @@ class UnrolledViews:
         return UnrolledViews(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def joined_with(self, other: UnrolledViews) -> UnrolledViews:
-        """These views together with those of another station."""
+        """These views together with another station's."""
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
         return UnrolledViews(*(np.concatenate(pair) for pair in pairs))
 
@@ -308,13 +308,9 @@ def _unroll_points(
     phi, rho = np.arctan2(y, x), np.hypot(x, y)
     phi = phi[0, 2] + np.angle(np.exp(1j * (phi - phi[0, 2])))  # no jump within a view
     height = z - surface.height(phi, np.minimum(rho, WIDEST_LEG_SHARE * shape.leg_radius))
-    off = np.concatenate(
-        (
-            rho[:, : 3 + on_brace] - shape.brace_radius,
-            surface.signed_distances(shifted[:, 3 + on_brace :]),
-        ),
-        axis=1,
-    )
+    off_brace = rho[:, : 3 + on_brace] - shape.brace_radius
+    off_leg = surface.signed_distances(shifted[:, 3 + on_brace :])
+    off = np.concatenate((off_brace, off_leg), axis=1)
     # What values and azimuths add up of each point: (10, k) by distance, height and azimuth.
     k = len(points)
     by_off, by_height, by_phi = np.zeros((3, VALUES_PER_VIEW, k))

@@ -85,7 +85,7 @@ def write_study_report(folder: Path, kind: StudyBackend[Any], rows: Rows, *, pla
         for quantity in kind.measures:
             lines += _lines_side_by_side(rows, keys, kind.compared_key, quantity)
     for key in keys:
-        lines += _lines_of_key(rows, key, kind)
+        lines += _table_of_key(rows, key, kind)
     if keys:
         write_png(folder / OVERVIEW_PICTURE, _draw_overview(rows, keys, kind))
         lines += [f"![overview]({OVERVIEW_PICTURE})", ""]
@@ -184,7 +184,7 @@ def _mean_cell(group: RowGroup[Any] | None, quantity: ReportedQuantity[Any]) -> 
     return f"{text} ({len(group.complete_rows)} of {len(group.rows)})"
 
 
-def _lines_of_key(rows: Rows, key: str, kind: StudyBackend[Any]) -> Iterator[str]:
+def _table_of_key(rows: Rows, key: str, kind: StudyBackend[Any]) -> Iterator[str]:
     """A table of one key: how many runs of each value are complete, and what they measure."""
     table = []
     for word, group in _groups_by_value(rows, key).items():

@@ -18,7 +18,7 @@ from tjscan.study.schedule import TaskScheduler
 from tjscan.study.trial import LOST_WORKER_REASON, BackendOfTask, StudyRow, Trial, Value
 
 PLAN_FILE: Final = "plan.jsonl"
-ROWS_FILE: Final = "rows.jsonl"
+STUDY_ROWS_FILE: Final = "rows.jsonl"
 CSV_FILE: Final = "study.csv"
 PARQUET_FILE: Final = "study.parquet"
 
@@ -93,7 +93,7 @@ def read_rows(
     RecordingError
         If it can't be read.
     """
-    file, keys = directory / ROWS_FILE, {trial.hash_key for trial in trials}
+    file, keys = directory / STUDY_ROWS_FILE, {trial.hash_key for trial in trials}
     rows: dict[str, StudyRow[Any]] = {}
     if not trials or not file.exists():
         return rows
@@ -123,17 +123,17 @@ def open_row_writer(directory: Path) -> Iterator[Callable[[StudyRow[Any]], None]
         If the file can't be written.
     """
     try:
-        with (directory / ROWS_FILE).open("ab") as file:
+        with (directory / STUDY_ROWS_FILE).open("ab") as file:
             if file.tell():
                 file.write(b"\n")  # ends a line that was cut off; an empty one is no row
 
             def keep(row: StudyRow[Any]) -> None:
                 file.write(row.to_json_line().encode() + b"\n")
-                files.bring_stream_to_disk(file)
+                files.sync_stream_to_disk(file)
 
             yield keep
     except OSError as error:
-        reason = f"{directory / ROWS_FILE}: can't be written: {error.strerror}"
+        reason = f"{directory / STUDY_ROWS_FILE}: can't be written: {error.strerror}"
         raise RecordingError(reason) from error
 
 

@@ -96,8 +96,8 @@ def check_study_packages() -> None:
             raise missing_package_error("a study", name, "study")
 
 
-NO_WORKER_LEFT: Final = "no worker is left; start them again, and go on with --resume"
-SCHEDULER_GONE: Final = "the scheduler is gone; start one again, and go on with --resume"
+NO_WORKER_LEFT_MESSAGE: Final = "no worker is left; start them again, and go on with --resume"
+SCHEDULER_GONE_MESSAGE: Final = "the scheduler is gone; start one again, and go on with --resume"
 
 
 def _run_tasks(
@@ -112,7 +112,7 @@ def _run_tasks(
         try:
             threads = sum(client.nthreads().values())
         except OSError:
-            raise ComputeClusterFault(SCHEDULER_GONE) from None
+            raise ComputeClusterFault(SCHEDULER_GONE_MESSAGE) from None
         for task in islice(waiting, max(threads, 1) - len(running)):
             future = client.submit(work, task, pure=False)
             running[future] = task
@@ -128,7 +128,7 @@ def _run_tasks(
         elif fault is not None:
             raise ComputeClusterFault(f"a worker failed: {fault!r}")
         elif future.status != "finished":
-            raise ComputeClusterFault(SCHEDULER_GONE)
+            raise ComputeClusterFault(SCHEDULER_GONE_MESSAGE)
         else:
             over = EndedTask(task, future.result())
         future.release()
@@ -145,9 +145,9 @@ def _await_next_result(client: Any, running: list[Any]) -> Any:
             return next(iter(wait(running, CLUSTER_TIMEOUT, return_when="FIRST_COMPLETED").done))
         except TimeoutError:
             if not client.nthreads():
-                raise ComputeClusterFault(NO_WORKER_LEFT) from None
+                raise ComputeClusterFault(NO_WORKER_LEFT_MESSAGE) from None
         except CancelledError:
-            raise ComputeClusterFault(SCHEDULER_GONE) from None
+            raise ComputeClusterFault(SCHEDULER_GONE_MESSAGE) from None
 
 
 @contextmanager

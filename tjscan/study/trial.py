@@ -30,7 +30,7 @@ class Trial:
     inputs : mapping
         What was varied, by dotted key, and what followed from that.
     task : str
-        Which algorithm runs; see `tjscan.runs.tasks.ALL_TASKS`.
+        Name of the task that is run.
     settings : str
         Everything that it needs, as canonical JSON.
     """
@@ -71,7 +71,7 @@ def canonical_json(data: Any) -> str:
 LOST_WORKER_REASON = "WorkerLost"
 """The reason of a row whose process died twice."""
 
-HIDDEN_FIELD = {"column": False}
+HIDDEN_COLUMN_METADATA = {"column": False}
 """Metadata of a field of an outcome that is no column of the table."""
 
 

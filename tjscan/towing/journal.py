@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array, ArrayForm, PlanarPoints, PlanarPoses
-from tjscan.core.signals import hold_ctrl_c
+from tjscan.core.signals import delay_ctrl_c
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
@@ -151,7 +151,7 @@ class TowRecording(RecordingWriter):
         super().__init__(file, TOW_TOPICS, origin, errors=("stop",))
         self._truth, self._cycles = truth, 0
 
-    @hold_ctrl_c()
+    @delay_ctrl_c()
     def record(self, message: object) -> None:
         """Write a cycle, and what a simulation knows then; or an event, up to the disk."""
         match message:

@@ -123,7 +123,7 @@ class WaitingPatience:
 
     def __init__(self, seconds: float, report: EventListener) -> None:
         self._seconds, self._report = seconds, report
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self._since = 0.0
 
     def update(self, now: float, waiting: WaitingReason | None, along: float) -> None:
@@ -146,15 +146,15 @@ class WaitingPatience:
             The same, if a vehicle or the link to it is to blame.
         """
         if waiting is None:
-            if self._said:
+            if self._reported:
                 self._report("goes on", f"after {now - self._since:.1f} s")
-            self._said.clear()
+            self._reported.clear()
             return
-        if not self._said:
+        if not self._reported:
             self._since = now
-        if (words := FIGURE_WITH_UNIT.sub("", waiting.why)) not in self._said:
+        if (words := FIGURE_WITH_UNIT.sub("", waiting.why)) not in self._reported:
             self._report("waits", waiting.why)
-            self._said.add(words)
+            self._reported.add(words)
         if now - self._since > self._seconds:
             sentence = (
                 f"{waiting.why}. The weld is halted {1e3 * along:.0f} mm along the seam; "
@@ -164,14 +164,14 @@ class WaitingPatience:
 
 
 class RunawayCheck:
-    """Whether one vehicle drives otherwise than it is told, by its own odometry."""
+    """Whether the odometry of one vehicle shows that it does not follow its commands."""
 
     def __init__(self) -> None:
         self._ways: deque[tuple[Array, Array]] = deque(maxlen=DRIVEN_WINDOW)
         self._retry, self._until = FIRST_RETRY_SECONDS, -inf
 
     def update(self, now: float, asked: Array, driven: Array, period: float) -> float:
-        """Metres that it drove otherwise than it was told; 0 if it obeys, or does not move.
+        """Metres that it drove off its commands; 0 if it obeys, or does not move.
 
         Once it did not obey it counts so for `FIRST_RETRY_SECONDS`, twice as long each time.
 
@@ -185,10 +185,10 @@ class RunawayCheck:
             Seconds.
         """
         self._ways.append((asked, driven))
-        told, drove = np.sum(self._ways, axis=0)
+        sent, drove = np.sum(self._ways, axis=0)
         fastest = max(hypot(*one) for one, _ in self._ways) / period
-        off, went = hypot(*(drove - told)), hypot(*drove)
-        allowed = LEAST_RUNAWAY_WAY + RUNAWAY_WAY_SHARE * hypot(*told) + DRIVE_LAG * fastest
+        off, went = hypot(*(drove - sent)), hypot(*drove)
+        allowed = LEAST_RUNAWAY_WAY + RUNAWAY_WAY_SHARE * hypot(*sent) + DRIVE_LAG * fastest
         if off > allowed and went > LEAST_RUNAWAY_WAY:
             if now > self._until:
                 self._until = now + self._retry
@@ -319,7 +319,7 @@ class StandstillWatch:
     doubted : tuple of int
         Those at a standstill, or not seen to drive since.
     runaways : tuple of int
-        Those that drive otherwise than they are told.
+        Those that do not follow their commands.
     """
 
     def __init__(self, cable: Cable, team: TowingTeam, report: EventListener) -> None:
@@ -357,7 +357,7 @@ class StandstillWatch:
             if targets is not None and hypot(*(poses[v] - targets[v])[:2]) < AT_TARGET:
                 way = np.zeros(2)
             moved = describe_unexplained_way(estimate.estimates[v])[0] == "moved"
-            if moved:  # what else moves it tells nothing of its drives
+            if moved:  # what else moves it shows nothing of its drives
                 check = self._checks[v] = StandstillCheck()
             if off:
                 runaways.append(v)
@@ -366,8 +366,8 @@ class StandstillWatch:
             if check.update(now, poses[v], way, sigma=sigmas[v, 0], fault=fault):
                 stopped.append(v)
                 if v not in self.doubted and not isinstance(state, VehicleLinkLost):
-                    why = _describe_fault(state) or "it is told to drive, and does not move"
-                    self._report("stands", f"vehicle {v + 1}: {why}")
+                    why = _describe_fault(state) or "it is commanded to drive, and does not move"
+                    self._report("stopped", f"vehicle {v + 1}: {why}")
             self._report_motion(v, off, estimate.estimates[v])
         doubted = tuple(v for v, check in enumerate(self._checks) if check.doubted)
         for v in sorted(set(self.doubted) - set(doubted)):
@@ -376,10 +376,10 @@ class StandstillWatch:
         self.runaways = tuple(runaways)
 
     def _report_motion(self, v: int, off: float, one: VehiclePoseEstimate) -> None:
-        """Report what a vehicle does otherwise than it is told, or than its wheels do."""
+        """Report how a vehicle's motion differs from its commands, or from its wheels'."""
         name, words = describe_unexplained_way(one)
         if off:
-            name, words = "off plan", f"it drove {1e3 * off:.0f} mm otherwise than it was told"
+            name, words = "off plan", f"it drove {1e3 * off:.0f} mm off its commands"
         if name and self._reported.get(v) != name and not self._checks[v].doubted:
             self._report(name, f"vehicle {v + 1}: {words}")
         self._reported[v] = name
@@ -402,14 +402,14 @@ class StandstillWatch:
         welder = self._team.welder
         if welder in self.stopped:
             why = _describe_fault(self._states[welder]) or "it does not move"
-            return WaitingReason(f"the welder stands: {why}", device=True)
+            return WaitingReason(f"the welder is stopped: {why}", device=True)
         if self.runaways:
             names = ["the welder" if v == welder else f"vehicle {v + 1}" for v in self.runaways]
-            return WaitingReason(f"{names[0]} drives otherwise than it is told", device=True)
-        share, standing = self._tautest_piece(poses)
+            return WaitingReason(f"{names[0]} does not follow its commands", device=True)
+        share, stopped = self._tautest_piece(poses)
         self._taut = share >= (SLACK_CABLE_CHORD_SHARE if self._taut else TAUT_CABLE_CHORD_SHARE)
         if self._taut:
-            why = f"vehicle {standing + 1} stands, and the cable beside it is taut"
+            why = f"vehicle {stopped + 1} is stopped, and the cable beside it is taut"
             return WaitingReason(why, device=True)
         return None if last is None else self._bent_too_far(last)
 
@@ -434,7 +434,7 @@ class StandstillWatch:
         if not self._bent:
             return None
         if joint in beside:
-            why = f"vehicle {beside[joint] + 1} stands, and the cable beside it nears its limit"
+            why = f"vehicle {beside[joint] + 1} is stopped, and the cable beside it nears its limit"
             return WaitingReason(f"{why} of bend", device=True)
         bent = f"{degrees(angles[joint]):.1f}° ± {degrees(2 * doubt[joint]):.1f}°"
         limit = f"{degrees(self._cable.joint_limit):.1f}°"

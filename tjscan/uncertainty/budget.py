@@ -159,7 +159,7 @@ class UncertaintyBudget:
         shares : sequence of sequence of SectionShare
             What each new section is made of.
         """
-        return UncertaintyBudget(tuple(_component_made_of(one, shares) for one in self.components))
+        return UncertaintyBudget(tuple(_fused_component(one, shares) for one in self.components))
 
     def sections_with_covariances(
         self, sections: Sequence[MeasuredSection]
@@ -178,7 +178,7 @@ class UncertaintyBudget:
         )
 
 
-def _component_made_of(
+def _fused_component(
     component: BudgetComponent, shares: Sequence[Sequence[SectionShare]]
 ) -> BudgetComponent:
     """A component of sections made of others: what is not shared keeps draws of its own."""
@@ -223,7 +223,7 @@ def covariance_factor(covariance: Array) -> Array:
 
 ALIGNMENT_CAUSE: Final = "alignment"
 
-POINTS_ON_WALLS: Final = (0, 1, 3, 4)
+WALL_POINT_INDICES: Final = (0, 1, 3, 4)
 """p1 and p2 lie on the brace's wall, p4 and p5 on the leg."""
 
 
@@ -242,7 +242,7 @@ def aligned_budget(
     budget : UncertaintyBudget
         Of n sections, before.
     points : ndarray, shape (n, 5, 3)
-        p1 to p5, in the frame of the budget, metres; that of the joint if tubes are fitted.
+        p1 to p5, in the frame of the budget, metres; the joint's if tubes are fitted.
     normals : ndarray, shape (n, 2, 3)
         Of the brace's wall and of the leg, at each section.
     by_tubes : bool
@@ -250,12 +250,12 @@ def aligned_budget(
         was measured was laid on the reference as it is.
     """
     n = len(points)
-    at = points[:, POINTS_ON_WALLS].reshape(-1, 3)
+    at = points[:, WALL_POINT_INDICES].reshape(-1, 3)
     across = normals[:, (0, 0, 1, 1)].reshape(-1, 3)
     turned = np.cross(at, across)
     columns = [across, turned]
     if by_tubes:
-        # Radii, and how the leg lies beside and under the brace: offset along y, turn about it.
+        # Radii, and how the leg is beside and under the brace: offset along y, turn about it.
         on_leg = np.tile((0.0, 0.0, 1.0, 1.0), n)
         shift, turn = on_leg * across[:, 1], on_leg * turned[:, 1]
         columns.append(np.column_stack((1 - on_leg, on_leg, shift, turn)))
@@ -263,7 +263,7 @@ def aligned_budget(
     components, own = [], np.zeros((6, 6))
     for one in budget.components:
         m = one.points.shape[-1]
-        off = np.einsum("kc,kcm->km", across, one.points[:, POINTS_ON_WALLS].reshape(-1, 3, m))
+        off = np.einsum("kc,kcm->km", across, one.points[:, WALL_POINT_INDICES].reshape(-1, 3, m))
         if one.is_shared:
             moved = points_moved_by_twist(points, taken_back @ off)
             one = replace(one, points=one.points + moved)
@@ -279,7 +279,7 @@ def aligned_budget(
 TYPICAL_QUANTILES: Final = (0.4, 0.6)
 """Quantiles between which a corner's combined uncertainty counts as typical."""
 
-COMBINED_ROW: Final = "combined"
+COMBINED_ROW_NAME: Final = "combined"
 
 MEASURE_UNITS: Final = np.array((DEG.factor, MM.factor, MM.factor, MM2.factor))
 
@@ -312,7 +312,7 @@ class BudgetRow:
 
 @dataclass(frozen=True, slots=True)
 class BudgetSummary:
-    """A budget in a few numbers: those of the middle fifth of all corners and measures.
+    """A budget in a few numbers, of the middle fifth of all corners and measures.
 
     Squares of the components add up to the square of what is combined.
 
@@ -359,9 +359,9 @@ def summarise_budget(
     left_out : sequence of str
         What is not in the budget.
     """
-    total = _typical_mask(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
+    total = _middle_quantiles_mask(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
     whole = np.diagonal(budget.measure_covariances, axis1=-2, axis2=-1)
-    typical = [_typical_mask(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
+    typical = [_middle_quantiles_mask(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
     combined = np.zeros(5)
     rows = []
     for one in budget.components:
@@ -373,14 +373,14 @@ def summarise_budget(
     sigma = np.sqrt(combined)
     return BudgetSummary(
         tuple(rows),
-        _budget_row(COMBINED_ROW, "", False, sigma),
+        _budget_row(COMBINED_ROW_NAME, "", False, sigma),
         _budget_row(f"expanded, k = {COVERAGE_FACTOR:g}", "", False, COVERAGE_FACTOR * sigma),
         left_out=tuple(left_out),
     )
 
 
-def _typical_mask(variances: Array, counted: Mask) -> Mask:
-    """Which of the variances that count lie in the middle; all that count if none is."""
+def _middle_quantiles_mask(variances: Array, counted: Mask) -> Mask:
+    """Which of the variances that count are in the middle; all that count if none is."""
     chosen = variances[counted] if counted.any() else variances
     low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")
     high = np.quantile(chosen, TYPICAL_QUANTILES[1], method="higher")

@@ -96,24 +96,19 @@ def _make_mqtt_vehicle(inputs: VehicleDriverInputs, settings: MqttSettings) -> V
     return MqttVehicle(settings)
 
 
-SIMULATED_DRIVER: Final = VehicleDriverFactory(
-    _make_simulated_vehicle, kind=DriverKind.SIMULATED, truth=methodcaller("true_pose")
-)
-REPLAY_DRIVER: Final = VehicleDriverFactory(
-    lambda inputs, settings: ReplayedVehicle(inputs.recording()), kind=DriverKind.REPLAYED
-)
-MQTT_DRIVER: Final = VehicleDriverFactory(
-    _make_mqtt_vehicle, MqttSettings, truth=methodcaller("true_pose")
-)
-
-VEHICLE_DRIVERS: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
+VEHICLE_DRIVERS: Final = DriverRegistry(
     "vehicle",
     {
-        "simulated": "tjscan.vehicle.drivers:SIMULATED_DRIVER",
-        "replay": "tjscan.vehicle.drivers:REPLAY_DRIVER",
-        "mqtt": "tjscan.vehicle.drivers:MQTT_DRIVER",
+        "simulated": VehicleDriverFactory(
+            _make_simulated_vehicle, kind=DriverKind.SIMULATED, truth=methodcaller("true_pose")
+        ),
+        "replay": VehicleDriverFactory(
+            lambda inputs, settings: ReplayedVehicle(inputs.recording()), kind=DriverKind.REPLAYED
+        ),
+        "mqtt": VehicleDriverFactory(
+            _make_mqtt_vehicle, MqttSettings, extra="vehicle", truth=methodcaller("true_pose")
+        ),
     },
-    extras={"mqtt": "vehicle"},
     key="vehicle.driver",
     type=VehicleDriverFactory,
 )
@@ -133,9 +128,7 @@ class TowingVehicleInputs:
     number: int
 
 
-@dataclass(frozen=True)
-class TowingVehicleDriverFactory(DriverFactory[TowingVehicleInputs, Vehicle]):
-    """How a driver makes one vehicle of a tow from a job file; see `DriverFactory`."""
+TowingVehicleDriverFactory = DriverFactory[TowingVehicleInputs, Vehicle]
 
 
 def _make_mqtt_towing_vehicle(inputs: TowingVehicleInputs, settings: TeamMqttSettings) -> Vehicle:
@@ -148,20 +141,17 @@ def _refuse_single_simulated_vehicle(inputs: TowingVehicleInputs, settings: NoSe
     raise ConfigurationError("simulated vehicles share one world", key="vehicles.driver")
 
 
-SIMULATED_TOWING_DRIVER: Final = TowingVehicleDriverFactory(
-    _refuse_single_simulated_vehicle, kind=DriverKind.SIMULATED
-)
-MQTT_TOWING_DRIVER: Final = TowingVehicleDriverFactory(_make_mqtt_towing_vehicle, TeamMqttSettings)
-
-TOWING_VEHICLE_DRIVERS: Final[DriverRegistry[TowingVehicleDriverFactory]] = DriverRegistry(
+TOWING_VEHICLE_DRIVERS: Final = DriverRegistry(
     "towing-vehicle",
     {
-        "simulated": "tjscan.vehicle.drivers:SIMULATED_TOWING_DRIVER",
-        "mqtt": "tjscan.vehicle.drivers:MQTT_TOWING_DRIVER",
+        "simulated": TowingVehicleDriverFactory(
+            _refuse_single_simulated_vehicle, kind=DriverKind.SIMULATED
+        ),
+        "mqtt": TowingVehicleDriverFactory(
+            _make_mqtt_towing_vehicle, TeamMqttSettings, extra="vehicle"
+        ),
     },
-    extras={"mqtt": "vehicle"},
     key="vehicles.driver",
-    type=TowingVehicleDriverFactory,
 )
 """Every driver of towing vehicles by name."""
 
@@ -190,9 +180,7 @@ class LocalisationInputs:
     )
 
 
-@dataclass(frozen=True)
-class LocalisationDriverFactory(DriverFactory[LocalisationInputs, Localisation]):
-    """How a localisation's driver makes it from a job file; see `DriverFactory`."""
+LocalisationDriverFactory = DriverFactory[LocalisationInputs, Localisation]
 
 
 def _make_simulated_localisation(inputs: LocalisationInputs, settings: NoSettings) -> Localisation:
@@ -213,21 +201,16 @@ def _make_mqtt_localisation(
     return MqttLocalisation(settings, inputs.vehicles)
 
 
-SIMULATED_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
-    _make_simulated_localisation, kind=DriverKind.SIMULATED
-)
-MQTT_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
-    _make_mqtt_localisation, MqttLocalisationSettings
-)
-
-LOCALISATION_DRIVERS: Final[DriverRegistry[LocalisationDriverFactory]] = DriverRegistry(
+LOCALISATION_DRIVERS: Final = DriverRegistry(
     "localisation",
     {
-        "simulated": "tjscan.vehicle.drivers:SIMULATED_LOCALISATION_DRIVER",
-        "mqtt": "tjscan.vehicle.drivers:MQTT_LOCALISATION_DRIVER",
+        "simulated": LocalisationDriverFactory(
+            _make_simulated_localisation, kind=DriverKind.SIMULATED
+        ),
+        "mqtt": LocalisationDriverFactory(
+            _make_mqtt_localisation, MqttLocalisationSettings, extra="vehicle"
+        ),
     },
-    extras={"mqtt": "vehicle"},
     key="localisation.driver",
-    type=LocalisationDriverFactory,
 )
 """Every localisation by name."""

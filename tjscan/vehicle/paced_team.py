@@ -9,15 +9,15 @@ from contextlib import ExitStack
 from queue import SimpleQueue
 from typing import Final, Self
 
-from tjscan.core.devices import EventListener
+from tjscan.core.devices import DeviceBase, EventListener
 from tjscan.core.errors import VehicleFault, VehicleLinkLost
 from tjscan.vehicle.vehicle import Vehicle, VehicleState
 
-RETRY_PERIOD: Final = 0.05
+LOST_LINK_RETRY_PERIOD: Final = 0.05
 """Seconds after which a vehicle whose link is lost is polled again."""
 
 
-class PacedTeam:
+class PacedTeam(DeviceBase):
     """Vehicles on this computer's clock; a context manager that connects them all.
 
     Parameters
@@ -29,7 +29,6 @@ class PacedTeam:
         self.vehicles = tuple(vehicles)
         self._newest: list[VehicleState | VehicleFault] = []
         self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
-        self._listener: EventListener = lambda name, sentence: None
         self._closed = threading.Event()
         self._connections = ExitStack()
 
@@ -37,10 +36,6 @@ class PacedTeam:
     def time(self) -> float:
         """`time.monotonic`."""
         return time.monotonic()
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report the vehicles' events to a listener, in the thread that calls `advance_to`."""
-        self._listener = listener
 
     def __enter__(self) -> Self:
         self._closed.clear()
@@ -76,4 +71,4 @@ class PacedTeam:
                 self._newest[k] = self.vehicles[k].next_state()
             except VehicleFault as error:
                 self._newest[k] = error
-                self._closed.wait(RETRY_PERIOD)
+                self._closed.wait(LOST_LINK_RETRY_PERIOD)

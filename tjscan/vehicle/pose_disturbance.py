@@ -14,10 +14,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
-from tjscan.core.units import DEG, MM, SECONDS, FileUnit, SettingsTable
+from tjscan.core.units import DEG, MM, PERCENT_UNIT, SECONDS, SettingsTable
 from tjscan.vehicle.localisation import VehiclePose
-
-PERCENT_UNIT: Final = FileUnit("percent", 0.01)
 
 FAULT_NOISE: Final = np.array((3e-3, 3e-3, radians(1.0)))
 """Standard deviation that the fault `PoseFault.NOISE` adds, metres and radians."""

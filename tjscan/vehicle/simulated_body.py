@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import exp, inf, radians
+from math import exp, inf
 from typing import Annotated, Final, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Len
 
+from tjscan.core import units
 from tjscan.core.frames import Array, pose, readonly_copy, rot_z
-from tjscan.core.units import (
-    DEG,
-    LIST_OR_WORD_IN_FILE,
-    MM,
-    MM_S,
-    MM_S2,
-    SECONDS,
-    FileUnit,
-    SettingsTable,
-)
+from tjscan.core.units import SettingsTable
 from tjscan.vehicle.pad_plant import PadPlant, PadSettings
 from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings, TrackLoad
 from tjscan.vehicle.tracks import TrackGeometry, VehiclePlant
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
-PERCENT_UNIT: Final = FileUnit("percent", 0.01)
-
 Millimetres = Annotated[float, Ge(-1e6), Le(1e6)]
 
-SurfacePoint = Annotated[tuple[Millimetres, Millimetres], MM]
+SurfacePoint = Annotated[tuple[Millimetres, Millimetres], units.MM]
 """x and y in frame w, metres: up to a kilometre away."""
 
 
@@ -76,12 +66,12 @@ class ProximitySettings(SettingsTable):
         see no steel at all, while the arc burns. Assumption.
     """
 
-    body_length: Annotated[float, Ge(50), Le(5000), MM] = 0.8
-    body_width: Annotated[float, Ge(50), Le(5000), MM] = 0.5
-    height: Annotated[float, Ge(1), Le(500), MM] = 0.03
-    noise: Annotated[float, Ge(0), Le(50), MM] = 5e-4
-    period: Annotated[float, Ge(0.001), Le(10), SECONDS] = 0.1
-    irregular: Annotated[float, Ge(0), Le(100), PERCENT_UNIT] = 0.005
+    body_length: Annotated[float, Ge(50), Le(5000), units.MM] = 0.8
+    body_width: Annotated[float, Ge(50), Le(5000), units.MM] = 0.5
+    height: Annotated[float, Ge(1), Le(500), units.MM] = 0.03
+    noise: Annotated[float, Ge(0), Le(50), units.MM] = 5e-4
+    period: Annotated[float, Ge(0.001), Le(10), units.SECONDS] = 0.1
+    irregular: Annotated[float, Ge(0), Le(100), units.PERCENT_UNIT] = 0.005
 
 
 class ProximitySensors:
@@ -117,7 +107,7 @@ class ProximitySensors:
         return tuple(readings.tolist())
 
 
-Outline = Annotated[tuple[SurfacePoint, ...], Len(0, 1000), LIST_OR_WORD_IN_FILE]
+Outline = Annotated[tuple[SurfacePoint, ...], Len(0, 1000), units.LIST_OR_WORD_IN_FILE]
 """A polygon on the unrolled surface: corners in order, metres."""
 
 
@@ -132,7 +122,7 @@ class DriveSettings(SettingsTable):
     Parameters
     ----------
     top_speed : float
-        Of a track, m/s: the 6 m/min of the paper. Where one would run faster, both are slowed by
+        Of a track, m/s: the 6 m/min of the paper. If one would run faster, both are slowed by
         the same share, so that the path's curvature stays.
     lag : float
         Time constant of the speed loop, seconds. Assumption.
@@ -143,18 +133,15 @@ class DriveSettings(SettingsTable):
         pull.
     """
 
-    top_speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
-    lag: Annotated[float, Ge(0), Le(10), SECONDS] = 0.05
-    acceleration: Annotated[float, Gt(0), Le(1e5), MM_S2] = 0.5
-    braking: Annotated[float, Gt(0), Le(1e5), MM_S2] = 2.0
-
-
-DEG_S: Final = FileUnit("deg_s", radians(1.0))
+    top_speed: Annotated[float, Gt(0), Le(5000), units.MM_S] = 0.1
+    lag: Annotated[float, Ge(0), Le(10), units.SECONDS] = 0.05
+    acceleration: Annotated[float, Gt(0), Le(1e5), units.MM_S2] = 0.5
+    braking: Annotated[float, Gt(0), Le(1e5), units.MM_S2] = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleSimulationSettings(SettingsTable):
-    """The table [simulation.vehicle]: where a simulated vehicle stands, and how it moves.
+    """The table [simulation.vehicle]: where a simulated vehicle begins, and how it moves.
 
     Parameters
     ----------
@@ -179,17 +166,17 @@ class VehicleSimulationSettings(SettingsTable):
     """
 
     start: SurfacePoint = (0.0, 0.0)
-    heading: Annotated[float, Ge(-360), Le(360), DEG] = 0.0
+    heading: Annotated[float, Ge(-360), Le(360), units.DEG] = 0.0
     plant: Literal["slip", "pads"] = "slip"
     slip: SlipSettings = field(default_factory=SlipSettings)
     pads: PadSettings = field(default_factory=PadSettings)
     drives: DriveSettings = field(default_factory=DriveSettings)
-    encoder_noise: Annotated[float, Ge(0), Le(60), DEG_S] = 2e-3
+    encoder_noise: Annotated[float, Ge(0), Le(60), units.DEG_S] = 2e-3
     proximity: ProximitySettings = field(default_factory=ProximitySettings)
     steel: Outline = ()
 
 
-STATE_PERIOD: Final = 0.01
+VEHICLE_STATE_PERIOD: Final = 0.01
 """Seconds between states."""
 
 
@@ -205,7 +192,7 @@ class SimulatedBody:
     seed : int, optional
         Of all random numbers: the same seed and commands give the same states.
     pose_w : array_like, shape (3,), optional
-        Its first pose, if not that of the settings: x, y in metres and heading in radians.
+        Its first pose, if not the settings': x, y in metres and heading in radians.
     time : float, optional
         What its clock shows at first, seconds.
     """
@@ -248,12 +235,12 @@ class SimulatedBody:
         return drives.top_speed / drives.braking
 
     @property
-    def stands(self) -> bool:
+    def at_rest(self) -> bool:
         """Whether both tracks are at rest."""
         return not self._speeds.any()
 
     def advance(
-        self, twist: Twist | None, *, period: float = STATE_PERIOD, grip: float = 1.0
+        self, twist: Twist | None, *, period: float = VEHICLE_STATE_PERIOD, grip: float = 1.0
     ) -> VehicleState:
         """Go on by a period, and report the state then.
 
@@ -264,7 +251,7 @@ class SimulatedBody:
         period : float, optional
             Seconds.
         grip : float, optional
-            Share of the tracks' motion that the body follows at most; less than 1 where they spin.
+            Share of the tracks' motion that the body follows at most; less than 1 if they spin.
         """
         if twist is None:
             most = self._settings.drives.braking * period
@@ -294,7 +281,7 @@ class SimulatedBody:
 
     def _read_proximity(self) -> tuple[float, ...]:
         due = self._sampled + self._settings.proximity.period
-        if self.time < due - STATE_PERIOD / 2:
+        if self.time < due - VEHICLE_STATE_PERIOD / 2:
             return ()
         self._sampled = self.time
         return self._sensors.read(self.plant.pose_w, arc_burning=self.arc_burning)

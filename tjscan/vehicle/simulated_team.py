@@ -5,13 +5,13 @@ from __future__ import annotations
 from math import isfinite
 from typing import Final, Self
 
-from tjscan.core.devices import DeviceIdentity, EventListener, LocalDevice
+from tjscan.core.devices import DeviceIdentity, LocalDevice
 from tjscan.core.errors import DriveFault, VehicleFault
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
 from tjscan.vehicle.mqtt.wire import REPORTED_DROP_COUNTS
 from tjscan.vehicle.pose_disturbance import DisturbedPoses, LocalisationSimulationSettings
-from tjscan.vehicle.simulated_body import STATE_PERIOD
+from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
 from tjscan.vehicle.vehicle import LocalVehicle, Twist, VehicleState, merge_unread_states
 
 
@@ -58,7 +58,7 @@ class SimulatedTeam:
         time : float
             Seconds on the team's clock.
         """
-        while self.world.time < time - STATE_PERIOD / 2:
+        while self.world.time < time - VEHICLE_STATE_PERIOD / 2:
             self.advance()
         return tuple(vehicle.newest_state() for vehicle in self.vehicles)
 
@@ -66,7 +66,7 @@ class SimulatedTeam:
         """Let the world go on by one period."""
         for vehicle in self.vehicles:
             self.world.order(vehicle.which, vehicle.twist_to_drive())
-        self.world.advance(STATE_PERIOD)
+        self.world.advance(VEHICLE_STATE_PERIOD)
         for vehicle in self.vehicles:
             vehicle.store_world_state()
 
@@ -152,16 +152,11 @@ class SimulatedLocalisation(LocalDevice):
         self._world = world
         self._seen = world.time
         self._given = [-float("inf")] * world.vehicles
-        self._listener: EventListener = lambda name, sentence: None
 
     @property
     def identity(self) -> DeviceIdentity:
         """Which device it is."""
         return DeviceIdentity("simulated localisation")
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report dropped poses. See `Localisation.report_events_to`."""
-        self._listener = listener
 
     def read(self) -> tuple[VehiclePose | None, ...]:
         """Give the newest poses. See `Localisation.read`."""

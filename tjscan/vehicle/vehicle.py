@@ -12,10 +12,10 @@ from tjscan.core.devices import Device, LocalDevice
 from tjscan.core.errors import VehicleFault, VehicleLinkLost, VehicleStopped
 from tjscan.core.frames import FloatOrNan
 
-DEAD_MAN: Final = 0.5
+DEAD_MAN_TIME: Final = 0.5
 """Seconds after its last command at which a vehicle stops by itself."""
 
-TIME_TOLERANCE: Final = 1e-6
+PERIOD_SUM_TOLERANCE: Final = 1e-6
 """Seconds: sums of periods are no nearer to what they should be."""
 
 PROXIMITY_CORNERS: Final = ("front left", "front right", "rear left", "rear right")
@@ -154,7 +154,7 @@ class LocalVehicle(LocalDevice):
     """
 
     not_connected = (VehicleLinkLost, "the vehicle is not connected: use it inside a 'with' block")
-    dead_man: float = DEAD_MAN
+    dead_man: float = DEAD_MAN_TIME
     _order: tuple[Twist, float] | None = None
     _stopped = False
 
@@ -190,7 +190,7 @@ class LocalVehicle(LocalDevice):
         order = self._order
         if self._stopped or order is None:
             return None
-        return order[0] if self.time - order[1] < self.dead_man - TIME_TOLERANCE else None
+        return order[0] if self.time - order[1] < self.dead_man - PERIOD_SUM_TOLERANCE else None
 
     def stop(self) -> None:
         """Brake to rest, and take no command any more. See `Vehicle.stop`."""

@@ -58,16 +58,16 @@ def initial_memory(
     for address, value in (
         (features.SCAN_TYPE, 4),
         (features.PIXEL_FORMAT, COORDINATE_FORMATS["Coord3D_AC16"].code),
-        (features.WIDTH, columns),
-        (features.HEIGHT, 1),
+        (features.IMAGE_WIDTH, columns),
+        (features.IMAGE_HEIGHT, 1),
         (features.OUTPUT_MODE, features.OUTPUT_MODES["CalibratedAC_Linescan"]),
         (features.INVALID_FLAG, 1),
     ):
         memory.set(address, value)
-    for address, number in ((features.EXPOSURE, 1000.0), (features.RATE, 100.0)):
+    for address, number in ((features.EXPOSURE_TIME, 1000.0), (features.FRAME_RATE, 100.0)):
         memory.put(address, pack(">d", number))
     unit = "Pixel" if LaserFaultOrder.UNIT_PIXEL in faults else "Millimeter"
-    memory.set(features.UNIT, features.DISTANCE_UNITS[unit])
+    memory.set(features.COORDINATE_UNIT, features.DISTANCE_UNITS[unit])
     state_scales(memory)
     return memory
 
@@ -81,12 +81,12 @@ def format_of(memory: Memory) -> CoordinateFormat:
 
 def rows_of(memory: Memory) -> int:
     """Rows of a block."""
-    return min(max(memory.get(features.HEIGHT), 1), MOST_ROWS)
+    return min(max(memory.get(features.IMAGE_HEIGHT), 1), MOST_ROWS)
 
 
 def state_scales(memory: Memory) -> None:
     """State the size of a block, and scale and offset of each coordinate, in millimetres."""
-    layout, columns = format_of(memory), memory.get(features.WIDTH)
+    layout, columns = format_of(memory), memory.get(features.IMAGE_WIDTH)
     memory.set(features.PAYLOAD_SIZE, layout.point_size * columns * rows_of(memory))
     x = (STEP_MM, X_OFFSET_MM, *RAW_X)
     if not layout.has_x:
@@ -94,7 +94,12 @@ def state_scales(memory: Memory) -> None:
         x = (STEP_MM * rectified_spacing(columns), first, 0.0, columns - 1.0)
     axes = (x, (1.0, 0.0, 0.0, 0.0), (STEP_MM, 0.0, *RAW_Z))
     for i, numbers in enumerate(axes):
-        places = (features.SCALE, features.OFFSET, features.LOW, features.HIGH)
+        places = (
+            features.COORDINATE_SCALE,
+            features.COORDINATE_OFFSET,
+            features.AXIS_MIN,
+            features.AXIS_MAX,
+        )
         for address, number in zip(places, numbers, strict=True):
             memory.put(address + 8 * i, pack(">d", number))
-        memory.put(features.INVALID + 8 * i, pack(">d", float(INVALID_RAW)))
+        memory.put(features.INVALID_VALUE + 8 * i, pack(">d", float(INVALID_RAW)))

@@ -1,7 +1,7 @@
 """The loopback laser's description of itself: GenICam XML, schema 1.1, features as SFNC names them.
 
-Each feature is a register of its own, from `memory.OWN` on. Those of Scan3d are selected by
-coordinate: those of A, B and C stand one behind the other.
+Each feature is a register of its own, from `memory.OWN_REGISTERS` on. The registers of Scan3d are
+selected by coordinate: A, B and C follow one another.
 """
 
 from __future__ import annotations
@@ -14,16 +14,22 @@ from tjscan.laser.scan3d import COORDINATE_FORMATS
 from tjscan_loopback.laser.gvsp import IMAGE_CHUNK
 from tjscan_loopback.laser.memory import OWN_REGISTERS, TIME_CONTROL, TIME_HIGH
 
-START, STOP, MODE = (OWN_REGISTERS + at for at in (0x00, 0x04, 0x08))
+ACQUISITION_START, ACQUISITION_STOP, ACQUISITION_MODE = (
+    OWN_REGISTERS + at for at in (0x00, 0x04, 0x08)
+)
 TRIGGER_SELECTOR, TRIGGER_MODE, TRIGGER_SOURCE = (OWN_REGISTERS + at for at in (0x0C, 0x10, 0x14))
-TRIGGER, PIXEL_FORMAT, WIDTH, HEIGHT = (OWN_REGISTERS + at for at in (0x18, 0x1C, 0x20, 0x24))
-EXPOSURE, RATE = OWN_REGISTERS + 0x28, OWN_REGISTERS + 0x30
+SOFTWARE_TRIGGER, PIXEL_FORMAT, IMAGE_WIDTH, IMAGE_HEIGHT = (
+    OWN_REGISTERS + at for at in (0x18, 0x1C, 0x20, 0x24)
+)
+EXPOSURE_TIME, FRAME_RATE = OWN_REGISTERS + 0x28, OWN_REGISTERS + 0x30
 SCAN_TYPE, PAYLOAD_SIZE = OWN_REGISTERS + 0x38, OWN_REGISTERS + 0x3C
 CHUNK_MODE, CHUNK_SELECTOR, CHUNK_ENABLE = (OWN_REGISTERS + at for at in (0x40, 0x44, 0x48))
-COORDINATE, UNIT, OUTPUT_MODE, INVALID_FLAG = (
+COORDINATE_SELECTOR, COORDINATE_UNIT, OUTPUT_MODE, INVALID_FLAG = (
     OWN_REGISTERS + at for at in (0x50, 0x54, 0x58, 0x5C)
 )
-SCALE, OFFSET, INVALID, LOW, HIGH = (OWN_REGISTERS + 0x100 + 0x20 * i for i in range(5))
+COORDINATE_SCALE, COORDINATE_OFFSET, INVALID_VALUE, AXIS_MIN, AXIS_MAX = (
+    OWN_REGISTERS + 0x100 + 0x20 * i for i in range(5)
+)
 """Eight bytes for each of A, B and C."""
 
 DISTANCE_UNITS: Final = {"Millimeter": 0, "Pixel": 2}
@@ -60,20 +66,20 @@ def description(*, columns: int, most_rows: int, with_scan3d: bool = True) -> by
         ],
         "ImageFormatControl": [
             _enumeration("PixelFormat", PIXEL_FORMAT, formats),
-            _integer("Width", WIDTH, low=columns, high=columns, access="RO"),
-            _integer("Height", HEIGHT, low=1, high=most_rows),
+            _integer("Width", IMAGE_WIDTH, low=columns, high=columns, access="RO"),
+            _integer("Height", IMAGE_HEIGHT, low=1, high=most_rows),
             _integer("PayloadSize", PAYLOAD_SIZE, access="RO"),
         ],
         "AcquisitionControl": [
-            _enumeration("AcquisitionMode", MODE, {"Continuous": 0}),
-            _command("AcquisitionStart", START),
-            _command("AcquisitionStop", STOP),
-            _float("AcquisitionFrameRate", RATE, low=1.0, high=2000.0),
-            _float("ExposureTime", EXPOSURE, low=1.0, high=40_000.0),
+            _enumeration("AcquisitionMode", ACQUISITION_MODE, {"Continuous": 0}),
+            _command("AcquisitionStart", ACQUISITION_START),
+            _command("AcquisitionStop", ACQUISITION_STOP),
+            _float("AcquisitionFrameRate", FRAME_RATE, low=1.0, high=2000.0),
+            _float("ExposureTime", EXPOSURE_TIME, low=1.0, high=40_000.0),
             _enumeration("TriggerSelector", TRIGGER_SELECTOR, {"FrameStart": 0}),
             _enumeration("TriggerMode", TRIGGER_MODE, on_off),
             _enumeration("TriggerSource", TRIGGER_SOURCE, TRIGGER_SOURCES),
-            _command("TriggerSoftware", TRIGGER),
+            _command("TriggerSoftware", SOFTWARE_TRIGGER),
         ],
         "ChunkDataControl": [
             _boolean("ChunkModeActive", CHUNK_MODE),
@@ -85,15 +91,15 @@ def description(*, columns: int, most_rows: int, with_scan3d: bool = True) -> by
     if with_scan3d:
         selected = {"CoordinateA": 0, "CoordinateB": 1, "CoordinateC": 2}
         groups["Scan3dControl"] = [
-            _enumeration("Scan3dCoordinateSelector", COORDINATE, selected),
-            _enumeration("Scan3dDistanceUnit", UNIT, DISTANCE_UNITS, access="RO"),
+            _enumeration("Scan3dCoordinateSelector", COORDINATE_SELECTOR, selected),
+            _enumeration("Scan3dDistanceUnit", COORDINATE_UNIT, DISTANCE_UNITS, access="RO"),
             _enumeration("Scan3dOutputMode", OUTPUT_MODE, OUTPUT_MODES),
             _boolean("Scan3dInvalidDataFlag", INVALID_FLAG),
-            _selected("Scan3dCoordinateScale", SCALE),
-            _selected("Scan3dCoordinateOffset", OFFSET),
-            _selected("Scan3dInvalidDataValue", INVALID),
-            _selected("Scan3dAxisMin", LOW),
-            _selected("Scan3dAxisMax", HIGH),
+            _selected("Scan3dCoordinateScale", COORDINATE_SCALE),
+            _selected("Scan3dCoordinateOffset", COORDINATE_OFFSET),
+            _selected("Scan3dInvalidDataValue", INVALID_VALUE),
+            _selected("Scan3dAxisMin", AXIS_MIN),
+            _selected("Scan3dAxisMax", AXIS_MAX),
         ]
     return _document(groups).encode()
 

@@ -14,26 +14,26 @@ REGISTER_BYTES: Final = 0xA400
 DESCRIPTION_ADDRESS: Final = 0xC0000
 """Where the description begins. Some clients read an address without a letter as a decimal."""
 
-VERSION, DEVICE_MODE = 0x0000, 0x0004
+SPECIFICATION_VERSION, DEVICE_MODE = 0x0000, 0x0004
 MAC_HIGH, MAC_LOW = 0x0008, 0x000C
 SUPPORTED_IP, CURRENT_IP_MODE = 0x0010, 0x0014
-ADDRESS, MASK = 0x0024, 0x0034
-VENDOR, MODEL, DEVICE_VERSION, SERIAL = 0x0048, 0x0068, 0x0088, 0x00D8
+CURRENT_IP, CURRENT_SUBNET_MASK = 0x0024, 0x0034
+VENDOR_NAME, MODEL_NAME, DEVICE_VERSION, SERIAL_NUMBER = 0x0048, 0x0068, 0x0088, 0x00D8
 FIRST_URL = 0x0200
-INTERFACES, STREAMS = 0x0600, 0x0904
-CAPABILITIES, HEARTBEAT = 0x0934, 0x0938
+INTERFACE_COUNT, STREAM_COUNT = 0x0600, 0x0904
+GVCP_CAPABILITIES, HEARTBEAT_TIMEOUT = 0x0934, 0x0938
 TICKS_HIGH, TICKS_LOW = 0x093C, 0x0940
 TIME_CONTROL, TIME_HIGH = 0x0944, 0x0948
 CONTROL_PRIVILEGE = 0x0A00
 STREAM_PORT, STREAM_PACKET_SIZE = 0x0D00, 0x0D04
 STREAM_PACKET_DELAY, STREAM_DESTINATION = 0x0D08, 0x0D18
 
-LATCH, CONTROL, TEST_PACKET = 1 << 1, 0b11, 1 << 7
+LATCH_BIT, CONTROL_BITS, TEST_PACKET = 1 << 1, 0b11, 1 << 7
 """Bits of the bytes that latch the clock, ask for control, and ask for a test packet."""
 
 WRITABLE_BOOTSTRAP: Final = frozenset(
     (
-        *(HEARTBEAT, TIME_CONTROL, CONTROL_PRIVILEGE),
+        *(HEARTBEAT_TIMEOUT, TIME_CONTROL, CONTROL_PRIVILEGE),
         *(STREAM_PORT, STREAM_PACKET_SIZE, STREAM_PACKET_DELAY, STREAM_DESTINATION),
     )
 )
@@ -68,28 +68,28 @@ class Memory:
     ) -> None:
         self._registers = bytearray(REGISTER_BYTES)
         self._description = description
-        self.set(VERSION, 0x0001_0002)
+        self.set(SPECIFICATION_VERSION, 0x0001_0002)
         self.set(DEVICE_MODE, 0x8000_0001)  # big-endian, UTF-8
         address = IPv4Address(host)
         self.set(MAC_HIGH, 0x0200)  # locally administered
         self.set(MAC_LOW, int(address))
         self.set(SUPPORTED_IP, 0x7)
         self.set(CURRENT_IP_MODE, 0x5)
-        self.set(ADDRESS, int(address))
-        self.set(MASK, int(_SUBNET_MASK))
+        self.set(CURRENT_IP, int(address))
+        self.set(CURRENT_SUBNET_MASK, int(_SUBNET_MASK))
         for where, text, room in (
-            (VENDOR, vendor, 32),
-            (MODEL, model, 32),
+            (VENDOR_NAME, vendor, 32),
+            (MODEL_NAME, model, 32),
             (DEVICE_VERSION, version, 32),
-            (SERIAL, serial, 16),
+            (SERIAL_NUMBER, serial, 16),
             (FIRST_URL, f"Local:tjscan.xml;{DESCRIPTION_ADDRESS:X};{len(description):X}", 512),
         ):
             encoded = text.encode()[: room - 1]
             self._registers[where : where + len(encoded)] = encoded
-        self.set(INTERFACES, 1)
-        self.set(STREAMS, 1)
-        self.set(CAPABILITIES, _WRITE_MEMORY | _PACKET_RESEND | _LONG_SERIAL)
-        self.set(HEARTBEAT, 3000)
+        self.set(INTERFACE_COUNT, 1)
+        self.set(STREAM_COUNT, 1)
+        self.set(GVCP_CAPABILITIES, _WRITE_MEMORY | _PACKET_RESEND | _LONG_SERIAL)
+        self.set(HEARTBEAT_TIMEOUT, 3000)
         self.set(TICKS_LOW, TICKS_PER_SECOND)
         self.set(STREAM_PACKET_SIZE, 1500)
 
@@ -106,7 +106,7 @@ class Memory:
         self._registers[address : address + len(data)] = data
 
     def read(self, address: int, count: int) -> bytes | None:
-        """Bytes at an address; None where there are not as many."""
+        """Bytes at an address; None if there are not as many."""
         if 0 <= address <= REGISTER_BYTES - count:
             return bytes(self._registers[address : address + count])
         start = address - DESCRIPTION_ADDRESS

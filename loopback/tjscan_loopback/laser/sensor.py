@@ -33,17 +33,17 @@ STALE_AGE: Final = 1.0
 """Seconds between the exposure of a stale profile and its trigger."""
 
 REBOOT_DURATION: Final = 0.5
-"""Seconds for which a sensor that restarts answers nobody."""
+"""Seconds for which a sensor that restarts answers no one."""
 
 _OTHER_CONTROLLER: Final = ("127.255.255.254", 1)
-"""Stands for another program that controls the sensor."""
+"""Address of another program that controls the sensor."""
 
 _DESCRIPTION_FAULTS: Final = (
     LaserFaultOrder.UNIT_PIXEL,
     LaserFaultOrder.MISSING_FEATURES,
     LaserFaultOrder.CLEAR,
 )
-"""Faults that change what the memory says."""
+"""Faults that change what the memory holds."""
 
 _REGISTER_FORMAT: Final = Struct(">I")
 _MONO8_CODE: Final = 0x01080001
@@ -65,7 +65,7 @@ class LoopbackSensor:
         Takes a profile, of as many points.
     begin : callable
         Is called whenever acquisition starts.
-    tell : callable
+    report_line : callable
         Receives a line when a program takes control or gives it back.
     """
 
@@ -74,7 +74,7 @@ class LoopbackSensor:
     columns: int
     expose: Callable[[], Profile]
     begin: Callable[[], None]
-    tell: Callable[[str], None]
+    report_line: Callable[[str], None]
     faults: dict[LaserFaultOrder, OrderedLaserFault] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class LoopbackSensor:
             self._memory = initial_memory(self.host, self.serial, self.columns, self.faults)
 
     def answer(self, datagram: bytes, client: Address, now: float) -> bytes | None:
-        """Answer a datagram on the control port; None where nothing is to be answered."""
+        """Answer a datagram on the control port; None if nothing is to be answered."""
         command = parse_command(datagram)
         if command is None or self._is_dead(now):
             return None
@@ -119,12 +119,12 @@ class LoopbackSensor:
     def packets_due(self, now: float) -> tuple[Address, list[bytes]]:
         """Where the stream goes, and the packets to send there now."""
         if self._controller not in (None, _OTHER_CONTROLLER):
-            patience = 1e-3 * self._memory.get(registers.HEARTBEAT)
+            patience = 1e-3 * self._memory.get(registers.HEARTBEAT_TIMEOUT)
             if now - self._heard > patience:
-                self.tell("control lost: no heartbeat")
+                self.report_line("control lost: no heartbeat")
                 self._release()
         if self._runs_free and now >= self._next_exposure:
-            (rate,) = unpack_from(">d", self._memory.read(features.RATE, 8) or bytes(8))
+            (rate,) = unpack_from(">d", self._memory.read(features.FRAME_RATE, 8) or bytes(8))
             self._next_exposure = max(self._next_exposure + 1 / max(rate, 1.0), now)
             self._expose(now)
         due = self._packets.take_due(now)
@@ -135,7 +135,7 @@ class LoopbackSensor:
         return (host, port), [] if self._is_dead(now) or not port else due
 
     def seconds_to_next(self, now: float) -> float | None:
-        """Seconds until there is something to send; None where nothing is planned."""
+        """Seconds until there is something to send; None if nothing is planned."""
         next_due = self._packets.next_due
         times = [] if next_due is None else [next_due]
         if self._runs_free:
@@ -199,7 +199,7 @@ class LoopbackSensor:
         if self._controller is None:
             return Status.ACCESS_DENIED
         if address == registers.TIME_CONTROL:
-            if data[-1] & registers.LATCH:
+            if data[-1] & registers.LATCH_BIT:
                 self._memory.put(registers.TIME_HIGH, pack(">Q", _ticks(now)))
             return Status.SUCCESS
         self._memory.put(address, data)
@@ -209,24 +209,24 @@ class LoopbackSensor:
     def _act_on_feature(self, address: int, data: bytes, now: float) -> None:
         if address == registers.STREAM_PACKET_SIZE and data[0] & registers.TEST_PACKET:
             self._packets.queue_packet(bytes(max(self._packet_size - 28, 8)), now)
-        elif address == features.START:
+        elif address == features.ACQUISITION_START:
             self._acquiring, self._next_exposure = True, now
             self._block, self._before = 0, None
             self._packets.clear()
             self.begin()
-        elif address == features.STOP:
+        elif address == features.ACQUISITION_STOP:
             self._acquiring = False
             self._packets.clear()
-        elif address == features.TRIGGER:
+        elif address == features.SOFTWARE_TRIGGER:
             if self._acquiring and not self._runs_free:
                 self._expose(now)
-        elif address in (features.PIXEL_FORMAT, features.HEIGHT):
+        elif address in (features.PIXEL_FORMAT, features.IMAGE_HEIGHT):
             state_scales(self._memory)
 
     def _change_control(self, data: bytes, client: Address, now: float) -> None:
-        wanted = bool(data[-1] & registers.CONTROL)
+        wanted = bool(data[-1] & registers.CONTROL_BITS)
         if wanted and self._controller is None:
-            self.tell(f"control taken by {client[0]}:{client[1]}")
+            self.report_line(f"control taken by {client[0]}:{client[1]}")
             self._controller, self._heard = client, now
             self._memory.put(registers.CONTROL_PRIVILEGE, data)
         elif not wanted:
@@ -234,7 +234,7 @@ class LoopbackSensor:
 
     def _release(self) -> None:
         if self._controller is not None:
-            self.tell("control given back")
+            self.report_line("control given back")
         self._controller, self._acquiring = None, False
         self._packets.clear()
         self._memory.set(registers.CONTROL_PRIVILEGE, 0)
@@ -248,8 +248,8 @@ class LoopbackSensor:
         layout, rows = format_of(self._memory), rows_of(self._memory)
         try:
             profile = self.expose()
-        except TjscanError as error:  # the arm that carries it does not say where it stands
-            self.tell(f"no profile: {error}")
+        except TjscanError as error:  # the arm that carries it does not report its pose
+            self.report_line(f"no profile: {error}")
             return
         if LaserFaultOrder.ALL_INVALID in self.faults:
             nothing = np.full(len(profile), np.nan)

@@ -17,7 +17,7 @@ from tjscan.robot.path import (
     JOINT_TURN_SPACING,
     LARGEST_JOINT_TURN,
     MotionLimits,
-    fastest_joint_path,
+    fastest_trajectory,
 )
 from tjscan_loopback.ur.tool_path import ToolPath
 
@@ -72,7 +72,7 @@ class DecelerationMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathMotion:
-    """A motion of the tool along a path: up to a speed, on with it, and down to that of its end.
+    """A motion of the tool along a path: up to a speed, on with it, and down to its end's speed.
 
     Parameters
     ----------
@@ -137,12 +137,12 @@ class StretchedMotion:
 def joint_motion(
     kinematics: Kinematics, q: Array, goal: Array, speed: float, acceleration: float
 ) -> Motion:
-    """Motion of all joints in proportion; speed and acceleration are those of the leading axis."""
+    """Motion of all joints in proportion; the leading axis gives speed and acceleration."""
     pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_TURN_SPACING))
     waypoints = np.linspace(q, goal, pieces + 1)
     points_b = np.array([kinematics.forward(w)[:3, 3] for w in waypoints])
     limits = MotionLimits(UNBOUNDED_SPEED, UNBOUNDED_SPEED, 1.0, acceleration)
-    return fastest_joint_path(waypoints, points_b, np.full(len(q), speed), limits)
+    return fastest_trajectory(waypoints, points_b, np.full(len(q), speed), limits)
 
 
 def path_motion(
@@ -153,7 +153,7 @@ def path_motion(
     speeds: tuple[float, float, float],
     acceleration: float,
 ) -> Motion:
-    """Motion of the tool along a path, slower where a joint would exceed its limit.
+    """Motion of the tool along a path, slower if a joint would exceed its limit.
 
     Parameters
     ----------

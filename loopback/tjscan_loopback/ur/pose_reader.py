@@ -1,4 +1,4 @@
-"""Where a controller's arm stands, for what is simulated on its hand."""
+"""Pose of a controller's arm, for what is simulated on its hand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tjscan.core.errors import ArmNotConnected
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan_loopback.ur.server import RTDE_PORT
-from tjscan_loopback.ur.wire import DATA, OUTPUTS, PACKAGE_HEADER, START, VERSION, RtdeRecipe
+from tjscan_loopback.ur.wire import PACKAGE_HEADER, PackageKind, RtdeRecipe
 
 READ_LIMIT: Final = 2.0
 """Seconds that a reading may take."""
@@ -39,18 +39,22 @@ def read_flange_pose(host: str) -> Array:
     """
     try:
         with socket.create_connection((host, RTDE_PORT), timeout=READ_LIMIT) as link:
-            _ask(link, VERSION, pack(">H", 2))
-            _ask(link, OUTPUTS, pack(">d", PUBLISH_HZ) + ",".join(POSE_RECIPE.names).encode())
-            _ask(link, START, b"")
+            _ask(link, PackageKind.VERSION, pack(">H", 2))
+            _ask(
+                link,
+                PackageKind.OUTPUTS,
+                pack(">d", PUBLISH_HZ) + ",".join(POSE_RECIPE.names).encode(),
+            )
+            _ask(link, PackageKind.START, b"")
             while True:
                 kind, payload = _read_package(link)
-                if kind == DATA:
+                if kind == PackageKind.DATA:
                     ((_, values),) = POSE_RECIPE.unpack(payload[1:])
                     if not isinstance(values, Sequence):
                         raise ValueError("its pose is one number")
                     return pose_from_vector(np.array(values, dtype=float))
     except (OSError, ValueError) as error:
-        raise ArmNotConnected(f"the arm at {host} does not say where it stands: {error}") from None
+        raise ArmNotConnected(f"the arm at {host} does not report its pose: {error}") from None
 
 
 def _ask(link: socket.socket, kind: int, payload: bytes) -> None:

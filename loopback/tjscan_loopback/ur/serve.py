@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.signals import read_no_terminal_in_background
+from tjscan.core.signals import survive_background_terminal_read
 from tjscan.robot.kinematics import Kinematics
 from tjscan_loopback.process import check_is_loopback_address, print_line
 from tjscan_loopback.ur.controller import LoopbackController
@@ -46,13 +46,11 @@ def run_loopback_server(
         dh = draw_calibration(nominal, calibration_seed)
         kinematics = with_dh_parameters(kinematics, nominal, dh)
     q = np.radians(home_deg)
-    stands = q.shape == kinematics.lower.shape and np.all(
-        (q >= kinematics.lower) & (q <= kinematics.upper)  # not where an angle is no number
+    possible = q.shape == kinematics.lower.shape and np.all(
+        (q >= kinematics.lower) & (q <= kinematics.upper)  # not if an angle is NaN
     )
-    if not stands:
-        raise ConfigurationError(
-            f"{kinematics.name} can't stand at {list(home_deg)}", key="home_deg"
-        )
-    read_no_terminal_in_background()
-    controller = LoopbackController(kinematics, q, hz=hz, fast=fast, tell=print_line)
+    if not possible:
+        raise ConfigurationError(f"{kinematics.name} can't be at {list(home_deg)}", key="home_deg")
+    survive_background_terminal_read()
+    controller = LoopbackController(kinematics, q, hz=hz, fast=fast, report_line=print_line)
     asyncio.run(LoopbackServer(controller, model, host, hz, print_line, dh).run(attached=attached))

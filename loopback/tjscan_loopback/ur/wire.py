@@ -8,14 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from math import isfinite
 from struct import Struct, unpack
 from typing import Final
 
 PACKAGE_HEADER: Final = Struct(">HB")
 
-VERSION, CONTROLLER, OUTPUTS, INPUTS, START, PAUSE, DATA = 86, 118, 79, 73, 83, 80, 85
-"""Kinds of package: V, v, O, I, S, P, U in ASCII."""
+
+class PackageKind(IntEnum):
+    """Kinds of package, a letter in ASCII each."""
+
+    VERSION = ord("V")
+    CONTROLLER = ord("v")
+    OUTPUTS = ord("O")
+    INPUTS = ord("I")
+    START = ord("S")
+    PAUSE = ord("P")
+    DATA = ord("U")
+
 
 Value = float | int | Sequence[float] | Sequence[int]
 """What a variable holds."""
@@ -167,18 +178,18 @@ class RtdeSession:
 
     def answer_package(self, kind: int, payload: bytes) -> None:
         """Answer a package that the client sent."""
-        if kind == VERSION:
-            self._reply(VERSION, bytes([unpack(">H", payload)[0] == 2]))
-        elif kind == CONTROLLER:
-            self._reply(CONTROLLER, Struct(">4I").pack(*self._version))
-        elif kind == OUTPUTS:
+        if kind == PackageKind.VERSION:
+            self._reply(PackageKind.VERSION, bytes([unpack(">H", payload)[0] == 2]))
+        elif kind == PackageKind.CONTROLLER:
+            self._reply(PackageKind.CONTROLLER, Struct(">4I").pack(*self._version))
+        elif kind == PackageKind.OUTPUTS:
             self._agree_outputs(payload)
-        elif kind == INPUTS:
+        elif kind == PackageKind.INPUTS:
             self._agree_inputs(payload)
-        elif kind in (START, PAUSE):
-            self._started = kind == START and self._outputs is not None
-            self._reply(kind, bytes([kind == PAUSE or self._started]))
-        elif kind == DATA and payload and payload[0] in self._inputs:
+        elif kind in (PackageKind.START, PackageKind.PAUSE):
+            self._started = kind == PackageKind.START and self._outputs is not None
+            self._reply(kind, bytes([kind == PackageKind.PAUSE or self._started]))
+        elif kind == PackageKind.DATA and payload and payload[0] in self._inputs:
             for name, value in self._inputs[payload[0]].unpack(payload[1:]):
                 self._write(name, value)
 
@@ -189,7 +200,7 @@ class RtdeSession:
         self._count += 1
         if self._count % self._every == 0:
             values = [read(name) for name in self._outputs.names]
-            self._reply(DATA, b"\x01" + self._outputs.pack(values))
+            self._reply(PackageKind.DATA, b"\x01" + self._outputs.pack(values))
 
     def close(self) -> None:
         """Release the inputs that the client holds."""
@@ -203,7 +214,7 @@ class RtdeSession:
         if "NOT_FOUND" not in kinds:
             self._outputs = RtdeRecipe(names, tuple(kinds))
             self._every = max(1, round(self._hz / frequency))
-        self._reply(OUTPUTS, b"\x01" + ",".join(kinds).encode())
+        self._reply(PackageKind.OUTPUTS, b"\x01" + ",".join(kinds).encode())
 
     def _agree_inputs(self, payload: bytes) -> None:
         names = _names(payload)
@@ -214,7 +225,7 @@ class RtdeSession:
         if not {"IN_USE", "NOT_FOUND"} & set(kinds):
             number = len(self._inputs) + 1
             self._inputs[number] = RtdeRecipe(names, tuple(kinds))
-        self._reply(INPUTS, bytes([number]) + ",".join(kinds).encode())
+        self._reply(PackageKind.INPUTS, bytes([number]) + ",".join(kinds).encode())
 
     def _reply(self, kind: int, payload: bytes) -> None:
         self._send(PACKAGE_HEADER.pack(PACKAGE_HEADER.size + len(payload), kind) + payload)

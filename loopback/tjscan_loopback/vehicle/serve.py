@@ -15,7 +15,7 @@ from uuid import uuid4
 
 from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError, VehicleLinkLost
-from tjscan.core.signals import read_no_terminal_in_background
+from tjscan.core.signals import survive_background_terminal_read
 from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.mqtt.wire import (
     COMMAND_TOPIC,
@@ -25,7 +25,11 @@ from tjscan.vehicle.mqtt.wire import (
     TORCH_TOPIC,
     PresenceMessage,
 )
-from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody, VehicleSimulationSettings
+from tjscan.vehicle.simulated_body import (
+    VEHICLE_STATE_PERIOD,
+    SimulatedBody,
+    VehicleSimulationSettings,
+)
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan_loopback.process import TRUTH_COMMAND, check_is_loopback_address, print_line
 from tjscan_loopback.vehicle.bodies import CrawlerBody, LoopbackBody
@@ -37,7 +41,7 @@ CONNECT_LIMIT: Final = 5.0
 """Seconds that a connection to a broker on this machine may take."""
 
 LONGEST_PERIOD: Final = 0.1
-"""Seconds of motion in one step; where the process slept longer, the rest of its sleep is lost."""
+"""Seconds of motion in one step; if the process slept longer, the rest of its sleep is lost."""
 
 VEHICLE_SPACING: Final = 1.5
 """Metres from one vehicle to the next, along y of frame w."""
@@ -79,7 +83,7 @@ def run_loopback_vehicles(
             )
     else:
         bodies += _crawlers(vehicles, settings, seed)
-    read_no_terminal_in_background()
+    survive_background_terminal_read()
     with ExitStack() as stack:
         served = []
         for number, body in enumerate(bodies, 1):
@@ -135,7 +139,9 @@ def _run(
 ) -> None:
     before = due = time.monotonic()
     while True:
-        due = max(due + STATE_PERIOD, time.monotonic())  # a process that was held up does not hurry
+        due = max(
+            due + VEHICLE_STATE_PERIOD, time.monotonic()
+        )  # a process that was held up does not hurry
         time.sleep(due - min(time.monotonic(), due))
         while not orders.empty():
             line = orders.get()
@@ -148,7 +154,7 @@ def _run(
         for vehicle, link, inbox in served:
             while not inbox.empty():
                 vehicle.receive(inbox.get())
-            vehicle.link_stands = link.is_up
+            vehicle.link_is_up = link.is_up
             for topic, payload in vehicle.advance(now, period):
                 link.publish(topic, payload)
         if world is not None:
@@ -162,7 +168,7 @@ def _run(
 
 def _obey(line: str, served: list[Served], towing: TowingBodies | None) -> None:
     if towing is not None and line.strip() == TRUTH_COMMAND:
-        print_line(f"{TRUTH_COMMAND} {towing.tell_truth()}")
+        print_line(f"{TRUTH_COMMAND} {towing.truth_as_json()}")
         return
     try:
         order = parse_ordered_fault(line, len(served))

@@ -16,7 +16,7 @@ from tjscan.vehicle.mqtt.wire import (
     TorchMessage,
     TorchStateMessage,
 )
-from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME
 
 AXIS_SPEED: Final = 0.1
 """Of the torch's axes, m/s."""
@@ -62,7 +62,7 @@ class LoopbackTorch:
             reason = self._gate.reason_to_drop(order, received.time)
             if reason:
                 raise BadMessage(reason)
-            self._order, self._until = order, received.time + min(order.hold, DEAD_MAN)
+            self._order, self._until = order, received.time + min(order.hold, DEAD_MAN_TIME)
 
     def advance(self, now: float, period: float) -> tuple[str, bytes]:
         """Go on by a period in seconds; returns topic and payload of what is to be sent."""

@@ -67,12 +67,12 @@ class Client:
             (registers.STREAM_PORT, STREAM),
             (registers.STREAM_DESTINATION, 0x7F000001),
             (features.TRIGGER_MODE, 1),
-            (features.START, 1),
+            (features.ACQUISITION_START, 1),
         ):
             assert self.write(address, value) == Status.SUCCESS
 
     def trigger(self) -> list[bytes]:
-        assert self.write(features.TRIGGER, 1) == Status.SUCCESS
+        assert self.write(features.SOFTWARE_TRIGGER, 1) == Status.SUCCESS
         return self.packets()
 
     def packets(self) -> list[bytes]:
@@ -103,17 +103,17 @@ def test_discovery_says_who_it_is_to_anybody(client: Client) -> None:
     status, content = client.ask(Command.DISCOVERY)
     assert status == Status.SUCCESS
     assert len(content) == registers.DISCOVERY_SIZE
-    assert content[registers.SERIAL :].rstrip(b"\0") == b"7"
-    assert content[registers.ADDRESS : registers.ADDRESS + 4] == bytes([127, 0, 0, 4])
+    assert content[registers.SERIAL_NUMBER :].rstrip(b"\0") == b"7"
+    assert content[registers.CURRENT_IP : registers.CURRENT_IP + 4] == bytes([127, 0, 0, 4])
 
 
 def test_only_the_program_in_control_may_write_and_anybody_may_read(client: Client) -> None:
     other = Client(client.sensor, OTHER)
-    assert client.write(features.HEIGHT, 2) == Status.ACCESS_DENIED
+    assert client.write(features.IMAGE_HEIGHT, 2) == Status.ACCESS_DENIED
     client.start()
-    assert other.write(features.HEIGHT, 2) == Status.ACCESS_DENIED
+    assert other.write(features.IMAGE_HEIGHT, 2) == Status.ACCESS_DENIED
     assert other.write(registers.CONTROL_PRIVILEGE, 2) == Status.ACCESS_DENIED
-    assert other.read(features.HEIGHT) == 1
+    assert other.read(features.IMAGE_HEIGHT) == 1
     assert client.write(registers.CONTROL_PRIVILEGE, 0) == Status.SUCCESS
     assert other.write(registers.CONTROL_PRIVILEGE, 2) == Status.SUCCESS
 
@@ -121,7 +121,7 @@ def test_only_the_program_in_control_may_write_and_anybody_may_read(client: Clie
 def test_control_ends_when_its_program_falls_silent(client: Client) -> None:
     client.start()
     client.now += 2.9
-    client.read(features.HEIGHT)
+    client.read(features.IMAGE_HEIGHT)
     client.now += 2.9
     client.packets()
     assert client.read(registers.CONTROL_PRIVILEGE) == 2
@@ -171,7 +171,12 @@ def test_every_format_brings_the_points_back_within_half_a_count(client: Client,
     for axis in (0, 2):
         numbers = [
             unpack(">d", client.ask(Command.READMEM, pack(">IHH", at + 8 * axis, 0, 8))[1][4:])[0]
-            for at in (features.SCALE, features.OFFSET, features.LOW, features.HIGH)
+            for at in (
+                features.COORDINATE_SCALE,
+                features.COORDINATE_OFFSET,
+                features.AXIS_MIN,
+                features.AXIS_MAX,
+            )
         ]
         axes.append(AxisScale(1e-3 * numbers[0], 1e-3 * numbers[1], *numbers[2:]))
     read = profile_of_row(points_in(client.trigger()), name, Scan3dScales(axes[0], axes[1], 0))
@@ -202,11 +207,11 @@ def test_packets_that_are_asked_for_again_come_again(client: Client) -> None:
 def test_it_runs_free_at_its_rate_where_no_trigger_is_set(client: Client) -> None:
     client.start()
     client.write(features.TRIGGER_MODE, 0)
-    client.ask(Command.WRITEMEM, pack(">Id", features.RATE, 50.0))
+    client.ask(Command.WRITEMEM, pack(">Id", features.FRAME_RATE, 50.0))
     blocks = set()
     for _ in range(100):
         client.now += 0.01
-        client.read(features.HEIGHT)
+        client.read(features.IMAGE_HEIGHT)
         blocks |= {unpack_from(">H", packet, 2)[0] for packet in client.packets()}
     assert len(blocks) == pytest.approx(50, abs=2)
 
@@ -237,7 +242,7 @@ def test_a_stale_profile_bears_the_time_of_its_exposure(client: Client) -> None:
     first = LEADER_FIELDS.unpack_from(client.trigger()[0], PACKET_HEADER.size)[2]
     bring(client, "stale")
     client.now += 1.0
-    client.read(features.HEIGHT)
+    client.read(features.IMAGE_HEIGHT)
     assert LEADER_FIELDS.unpack_from(client.trigger()[0], PACKET_HEADER.size)[2] == first
 
 
@@ -248,7 +253,7 @@ def test_a_full_buffer_gives_the_profile_before_once_more_and_then_its_own(
     first = LEADER_FIELDS.unpack_from(client.trigger()[0], PACKET_HEADER.size)[2]
     bring(client, "buffered")
     client.now += 1.0
-    client.read(features.HEIGHT)
+    client.read(features.IMAGE_HEIGHT)
     packets = client.trigger()
     times = [
         LEADER_FIELDS.unpack_from(one, PACKET_HEADER.size)[2] for one in packets if one[4] == 1
@@ -279,8 +284,8 @@ def test_a_restart_takes_a_moment_and_brings_another_serial_number(client: Clien
     assert client.sensor.answer(silent, CLIENT, client.now) is None
     client.now += 1.0
     found = client.ask(Command.DISCOVERY)[1]
-    assert found[registers.SERIAL :].rstrip(b"\0") == b"71"
-    assert client.write(features.TRIGGER, 1) == Status.ACCESS_DENIED
+    assert found[registers.SERIAL_NUMBER :].rstrip(b"\0") == b"71"
+    assert client.write(features.SOFTWARE_TRIGGER, 1) == Status.ACCESS_DENIED
 
 
 @given(st.binary(max_size=64), st.integers(0, 0x100), st.booleans())

@@ -11,7 +11,7 @@ from tjscan.vehicle.mqtt.wire import (
     TorchMessage,
     TorchStateMessage,
 )
-from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME
 from tjscan_loopback.vehicle.torch import AXIS_SPEED, LoopbackTorch
 
 
@@ -22,7 +22,7 @@ def send(
     y: float = 0.0,
     arc: bool = False,
     session: str = "weld",
-    hold: float = DEAD_MAN,
+    hold: float = DEAD_MAN_TIME,
     retained: bool = False,
 ) -> None:
     message = TorchMessage(
@@ -42,11 +42,11 @@ def test_it_goes_where_it_is_sent_at_its_speed() -> None:
     assert state_at(torch, 1.02, 1.0).y == pytest.approx(0.010)
 
 
-@pytest.mark.parametrize("hold", [0.1, DEAD_MAN, 5.0])
+@pytest.mark.parametrize("hold", [0.1, DEAD_MAN_TIME, 5.0])
 def test_arc_goes_out_without_a_further_message(hold: float) -> None:
     torch = LoopbackTorch("torch")
     send(torch, 1.0, arc=True, hold=hold)
-    last = 1.0 + min(hold, DEAD_MAN)
+    last = 1.0 + min(hold, DEAD_MAN_TIME)
     assert state_at(torch, last - 0.01).arc
     assert not state_at(torch, last).arc
 

@@ -20,8 +20,8 @@ from tjscan.vehicle.mqtt.wire import (
     StateMessage,
 )
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
-from tjscan.vehicle.simulated_body import STATE_PERIOD
-from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME
 from tjscan_loopback.vehicle.bodies import AT_A_CABLE, ON_TRACKS, CrawlerBody
 from tjscan_loopback.vehicle.faults import VehicleFaultOrder
 from tjscan_loopback.vehicle.towing import CLOCK_ERROR, TowingBodies, TowingBody
@@ -58,17 +58,19 @@ class Loopback:
             time=self.now,
             order="drive",
             sideways=sideways,
-            hold=DEAD_MAN,
+            hold=DEAD_MAN_TIME,
         )
         received = ReceivedMessage("command", order.to_json(), False, self.now)
         self.vehicles[which].receive(received)
 
     def run(self, seconds: float) -> list[StateMessage]:
         """The last state of each vehicle."""
-        for _ in range(round(seconds / STATE_PERIOD)):
-            self.now += STATE_PERIOD
-            sent = [dict(vehicle.advance(self.now, STATE_PERIOD)) for vehicle in self.vehicles]
-            self.towing.advance(STATE_PERIOD)
+        for _ in range(round(seconds / VEHICLE_STATE_PERIOD)):
+            self.now += VEHICLE_STATE_PERIOD
+            sent = [
+                dict(vehicle.advance(self.now, VEHICLE_STATE_PERIOD)) for vehicle in self.vehicles
+            ]
+            self.towing.advance(VEHICLE_STATE_PERIOD)
             for topic, payload in self.towing.sightings(self.now):
                 place, _, name = topic.partition("/")
                 if name == "pose":
@@ -104,9 +106,9 @@ def test_a_vehicle_drives_sideways_and_is_seen_to(loopback: Loopback) -> None:
 def test_it_stops_where_it_hears_nothing(loopback: Loopback) -> None:
     loopback.drive(2)
     loopback.run(0.3)
-    assert not loopback.vehicles[2].body.stands
-    loopback.run(DEAD_MAN - 0.3 + 2 * STATE_PERIOD)
-    assert loopback.vehicles[2].body.stands
+    assert not loopback.vehicles[2].body.at_rest
+    loopback.run(DEAD_MAN_TIME - 0.3 + 2 * VEHICLE_STATE_PERIOD)
+    assert loopback.vehicles[2].body.at_rest
 
 
 def test_a_stopped_vehicle_stays_until_all_is_right_again(loopback: Loopback) -> None:
@@ -177,7 +179,7 @@ def test_it_tells_what_truly_happened(loopback: Loopback) -> None:
             loopback.drive(which, 0.1 if which % 2 else -0.1)
         loopback.run(0.2)
         first += loopback.towing.look_at_truth()
-    told = json.loads(loopback.towing.tell_truth())
+    told = json.loads(loopback.towing.truth_as_json())
     truth = loopback.world.truth()
     assert told["bend_deg"] >= np.rad2deg(np.abs(truth.angles).max()) - 1
     assert told["force_n"] > 0.1

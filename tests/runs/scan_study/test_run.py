@@ -8,7 +8,7 @@ from studies import expand_in, settings_of
 
 from tjscan.runs.scan.run import ScanContext
 from tjscan.runs.scan.run import run_scan as record_scan
-from tjscan.runs.scan.study import ScanOutcome, StudyScanSettings, run_study_scan
+from tjscan.runs.scan.study import ScanOutcome, StudyScanSettings, scan_for_study
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> StudyScanSettings:
 
 @pytest.fixture(scope="module")
 def outcome(settings: StudyScanSettings) -> ScanOutcome:
-    return run_study_scan(settings)
+    return scan_for_study(settings)
 
 
 def test_settings_come_back_from_their_text(settings: StudyScanSettings) -> None:

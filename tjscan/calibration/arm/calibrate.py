@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import chdtri
 
-from tjscan.calibration.file import FILE_UNITS_PER_SI, ArmKinematicsEntry, in_file_units
+from tjscan.calibration.file import FILE_UNITS_PER_SI, ArmKinematicsEntry, rows_in_file_units
 from tjscan.calibration.result import HandEyeCalibration, SampleResidual
 from tjscan.calibration.solve import refine
 from tjscan.calibration.solve.refine import StackedResiduals, stack_residuals
@@ -63,7 +63,7 @@ class ArmModel:
     """Residuals of profiles that an arm took, by its deviations, T_f_s and targets.
 
     The true flange pose is the one that the arm reads, and a motion further: from the model's
-    flange pose at these joint angles to that of the model with deviations. So a controller may
+    flange pose at these joint angles to the model's with deviations. So a controller may
     read poses with a calibration of its own.
 
     Parameters
@@ -134,7 +134,7 @@ class ArmModel:
             T_b_f = E @ np.array([arm.forward(q) for q in seen.q])
             found = seen.model.seen_from(T_b_f).linearise(T_f_s, own)
             by_flange = found.by_pose.copy()
-            # A turn of the flange also carries the sensor, whose origin is not that of f.
+            # A turn of the flange also carries the sensor, whose origin is not f's.
             by_flange[:, :, 3:] -= found.by_pose[:, :, :3] @ skew_matrix(T_f_s[:3, 3])
             by_pose = np.concatenate((found.by_pose, by_flange @ J), axis=2)
             parts.append(replace(found, by_pose=by_pose))
@@ -188,14 +188,14 @@ class ArmGeometryDeviation:
 MAX_REJECTED_PROFILE_SHARE: Final = 0.1
 """Of the profiles; with more, it is not single ones that are bad."""
 
-WEIGHTING_ROUNDS: Final = 2
+ARM_REWEIGHTING_ROUNDS: Final = 2
 """Weights depend on the geometry only weakly."""
 
 MIN_UNDETERMINED_SHARE: Final = 0.8
 """A deviation counts as undetermined if so much of it is in directions that the profiles show less
 well than the prior does."""
 
-DEVIATION_KINDS: Final = ("length x", "length y", "length z", "twist x", "twist y", "offset")
+JOINT_DEVIATION_KINDS: Final = ("length x", "length y", "length z", "twist x", "twist y", "offset")
 """Of a joint's deviations, in their order."""
 
 
@@ -220,7 +220,7 @@ def estimate_deviations(
     offered = int(used.sum())
     estimate = _solve_for_deviations(model, sigmas, T_f_s, model.start, used)
     while used.sum() > (1 - MAX_REJECTED_PROFILE_SHARE) * offered:
-        falls, _ = leave_one_out(estimate)
+        falls, _ = leave_one_profile_out(estimate)
         worst = int(falls.argmax())
         count = int(estimate.residuals_per_profile[worst])
         limit = chdtri(count, refine.FALSE_ALARM_PROBABILITY / offered)
@@ -237,7 +237,7 @@ def whitened_jacobian(estimate: refine.LeastSquaresEstimate, sigmas: Array) -> A
     By steps of T_f_s, by deviations over their `sigmas`, shape (joints, 6), and by targets.
     """
     stacked = estimate.residuals_in_use
-    scale = _units_of_parameters(sigmas, len(estimate.target))
+    scale = _parameter_scales(sigmas, len(estimate.target))
     return refine.whiten_residuals(stacked.covariance_cholesky, stacked.jacobian * scale)
 
 
@@ -255,7 +255,7 @@ class _ScaledArm:
     def linearise(self, T_f_s: Array, parameters: Array) -> StackedResiduals:
         deviations, target = self.unscaled_parameters(parameters)
         found = self.model.linearise(T_f_s, deviations, target)
-        scale = _units_of_parameters(self.sigmas, len(target))
+        scale = _parameter_scales(self.sigmas, len(target))
         return replace(found, jacobian=found.jacobian * scale)
 
     def unscaled_parameters(self, parameters: Array) -> tuple[Array, Array]:
@@ -270,8 +270,8 @@ def _solve_for_deviations(
 ) -> refine.LeastSquaresEstimate:
     scaled, prior = _ScaledArm(model, sigmas), np.eye(sigmas.size, sigmas.size + len(target))
     start = np.concatenate((np.zeros(sigmas.size), target))
-    found = refine.solve_reweighted(scaled, T_f_s, start, used, prior, WEIGHTING_ROUNDS)
-    scale = _units_of_parameters(sigmas, len(target))
+    found = refine.solve_reweighted(scaled, T_f_s, start, used, prior, ARM_REWEIGHTING_ROUNDS)
+    scale = _parameter_scales(sigmas, len(target))
     deviations, target = scaled.unscaled_parameters(found.target)
     return replace(
         found,
@@ -282,7 +282,7 @@ def _solve_for_deviations(
     )
 
 
-def leave_one_out(estimate: refine.LeastSquaresEstimate) -> tuple[Array, Array]:
+def leave_one_profile_out(estimate: refine.LeastSquaresEstimate) -> tuple[Array, Array]:
     """By how much the sum of squares would fall without each profile, and T_f_s would move.
 
     Returns
@@ -309,7 +309,7 @@ def leave_one_out(estimate: refine.LeastSquaresEstimate) -> tuple[Array, Array]:
     return falls, steps
 
 
-def _units_of_parameters(sigmas: Array, targets: int) -> Array:
+def _parameter_scales(sigmas: Array, targets: int) -> Array:
     """What one of each parameter is: T_f_s, deviations over their sigmas, and targets."""
     return np.concatenate((np.ones(6), sigmas.ravel(), np.ones(targets)))
 
@@ -339,9 +339,9 @@ def describe_undetermined(J: Array, joints: int) -> tuple[str, ...]:
     groups: dict[tuple[int, str], list[str]] = {}
     for k in map(int, np.flatnonzero(share >= MIN_UNDETERMINED_SHARE)):
         cause = _most_similar_cause(J, k, joints)
-        groups.setdefault((k // 6 + 1, cause), []).append(DEVIATION_KINDS[k % 6])
+        groups.setdefault((k // 6 + 1, cause), []).append(JOINT_DEVIATION_KINDS[k % 6])
     return tuple(
-        f"joint {joint}: {', '.join(kinds)} can't be told from {cause}: left as the maker states"
+        f"joint {joint}: {', '.join(kinds)} not separable from {cause}: left as the maker states"
         for (joint, cause), kinds in groups.items()
     )
 
@@ -368,16 +368,16 @@ def _most_similar_cause(J: Array, k: int, joints: int) -> str:
 ARM_CALIBRATION_METHOD: Final = "ball, with the arm's kinematics"
 """`HandEyeCalibration.method` of a calibration of the arm."""
 
-MIN_PROFILES: Final = 20
+MIN_ARM_CALIBRATION_PROFILES: Final = 20
 """Fewer determine less than the maker states; forty are good."""
 
-MIN_HELD_OUT: Final = 3
+MIN_HELD_OUT_PROFILES: Final = 3
 """Fewer check nothing."""
 
 MAX_SIGMA_SCALE: Final = 5.0
 """Residuals so much larger than stated are not caused by the arm's lengths and zeros."""
 
-MAX_WORSENING_RATIO: Final = 1.3
+MAX_HELD_OUT_WORSENING: Final = 1.3
 """Times that poses which took no part may be further off than before: of an arm without deviations,
 the RMS of twelve arcs differs by so much now and then."""
 
@@ -453,12 +453,12 @@ def calibrate_arm(
         if the profiles that took no part fit worse than before.
     """
     count, checking = int((~held_out).sum()), int(held_out.sum())
-    if count < MIN_PROFILES or checking < MIN_HELD_OUT:
+    if count < MIN_ARM_CALIBRATION_PROFILES or checking < MIN_HELD_OUT_PROFILES:
         raise CalibrationRefused(
             "too few poses",
-            f"{count} show the target, and {checking} to check with; at least {MIN_PROFILES} and "
-            f"{MIN_HELD_OUT} are needed, and forty are good; take more, each in another posture "
-            "of the arm",
+            f"{count} show the target, and {checking} to check with; at least "
+            f"{MIN_ARM_CALIBRATION_PROFILES} and {MIN_HELD_OUT_PROFILES} are needed, and forty are "
+            "good; take more, each in another posture of the arm",
         )
     prior = np.tile(tolerance.sigmas, (model.joints, 1))
     plain = estimate_deviations(model, np.zeros_like(prior), T_f_s, held_out)
@@ -472,7 +472,7 @@ def calibrate_arm(
             "model stated",
         )
     before, after = (_held_out_rms(one, held_out) for one in (plain, found))
-    if after > MAX_WORSENING_RATIO * before:
+    if after > MAX_HELD_OUT_WORSENING * before:
         raise CalibrationRefused(
             "poses that took no part fit worse",
             f"the target is {1e3 * before:.3f} mm RMS off as the arm's model has it, and "
@@ -508,7 +508,7 @@ def as_hand_eye_calibration(
     kinematics = ArmKinematicsEntry(
         model=arm_model,
         deviations=tuple(map(tuple, (estimate.deviations * FILE_UNITS_PER_SI).tolist())),
-        covariance=in_file_units(found.covariance, axes=2),
+        covariance=rows_in_file_units(found.covariance, axes=2),
         left_as_stated=found.undetermined,
         held_out_poses=int(found.held_out.sum()),
         held_out_before_mm=1e3 * found.error_before,
@@ -536,7 +536,7 @@ def _residuals_of_profiles(
     found: ArmCalibration, names: Sequence[str]
 ) -> tuple[SampleResidual, ...]:
     stacked, used = found.estimate.stacked, found.estimate.used
-    falls, steps = leave_one_out(found.estimate)
+    falls, steps = leave_one_profile_out(found.estimate)
     residuals = []
     for i in map(int, np.flatnonzero(~found.held_out)):
         own = stacked.profile == i

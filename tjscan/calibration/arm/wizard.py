@@ -61,7 +61,7 @@ BALL_PRIOR_SIGMAS: Final = (1e-2, 1e-3)
 
 
 @array_dataclass
-class PlannedView:
+class PlannedPosture:
     """A posture from which to look at the ball.
 
     Parameters
@@ -80,7 +80,7 @@ class PlannedView:
 
 
 @array_dataclass
-class BallPlan:
+class PosturePlan:
     """Place of a ball, the sensor that looks at it, and the number of postures.
 
     Parameters
@@ -119,7 +119,7 @@ class BallPlan:
         return ArmModel(kinematics, (TargetInPostures(arcs, q, arcs.T_b_f, start),))
 
 
-def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...]:
+def plan_postures(plan: PosturePlan, kinematics: Kinematics) -> tuple[PlannedPosture, ...]:
     """Plan all postures that are worth looking from, the most informative first.
 
     More than `plan` asks for: the arm may not reach some of them. The profile of each next one
@@ -154,11 +154,11 @@ def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...
     for place in range(len(order)):
         held_out = place % wanted in checks
         at = left.pop() if held_out else left.popleft()
-        views.append(PlannedView(q[at], T_b_f[at], held_out))
+        views.append(PlannedPosture(q[at], T_b_f[at], held_out))
     return tuple(views)
 
 
-def _draw_postures(plan: BallPlan, kinematics: Kinematics) -> Array:
+def _draw_postures(plan: PosturePlan, kinematics: Kinematics) -> Array:
     """Joint angles from which the sensor sees the ball, in every configuration, shape (n, joints).
 
     They are always the same, so that a calibration can be gone on with; each joint is in the turn
@@ -182,7 +182,7 @@ def _draw_postures(plan: BallPlan, kinematics: Kinematics) -> Array:
     return np.array(found).reshape(-1, len(middle))
 
 
-def _predict_jacobians(plan: BallPlan, kinematics: Kinematics, q: Array, T_b_f: Array) -> Array:
+def _predict_jacobians(plan: PosturePlan, kinematics: Kinematics, q: Array, T_b_f: Array) -> Array:
     """Derivatives of the arcs to expect, over their errors, shape (n, 3, unknowns)."""
     seen_s = np.array(
         [transform_points(inverse_pose(T @ plan.T_f_s), plan.centre_b) for T in T_b_f]
@@ -198,7 +198,7 @@ def _predict_jacobians(plan: BallPlan, kinematics: Kinematics, q: Array, T_b_f: 
     return np.asarray(np.linalg.solve(np.linalg.cholesky(own), J))
 
 
-def _order_by_information(plan: BallPlan, rows: Array) -> NDArray[np.intp]:
+def _order_by_information(plan: PosturePlan, rows: Array) -> NDArray[np.intp]:
     """Indices of candidates, each next one the D-optimal addition to those before it.
 
     Those that are not needed follow in any order: neighbours among them look the same way.
@@ -250,8 +250,8 @@ class ArmWizard:
         Start of the path to a posture, if there is none from the last one.
     """
 
-    plan: BallPlan
-    views: tuple[PlannedView, ...]
+    plan: PosturePlan
+    views: tuple[PlannedPosture, ...]
     kinematics: Kinematics
     arm: Arm
     laser: LineLaser
@@ -313,7 +313,7 @@ class ArmWizard:
         shot = PosedProfile(f"posture {number + 1}", state.T_b_f, profile)
         self.logbook.record(ArmPoseTaken(number, state.q, shot))
 
-    def _move_to_view(self, view: PlannedView) -> None:
+    def _move_to_view(self, view: PlannedPosture) -> None:
         """Go there in joint space, straight or by way of home."""
         try:
             self.arm.move_joint_to_pose(view.T_b_f, near=view.q, direct=True)

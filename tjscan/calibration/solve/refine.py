@@ -210,7 +210,7 @@ SOLVER_TOLERANCES: Final = {"xtol": 1e-12, "ftol": 1e-14}
 CONVERGENCE_SIGMAS: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
 FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to blame any profile, the noise model or the geometry, although all are as stated."""
+"""Probability to blame what is as stated: a profile, noise, geometry, a radius or the poses."""
 MIN_PROFILE_REDUNDANCY: Final = 1e-6
 """A profile that leaves itself less than this share of dof can't be checked by the others."""
 
@@ -320,7 +320,7 @@ def refine_by_least_squares(
     return replace(found, geometry=model.geometry, prior_information=information)
 
 
-class ResidualModel(Protocol):
+class LeastSquaresModel(Protocol):
     """Residuals of profiles by the sensor's pose and other parameters."""
 
     def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
@@ -331,7 +331,7 @@ class ResidualModel(Protocol):
 
 
 def solve_reweighted(
-    model: ResidualModel,
+    model: LeastSquaresModel,
     base: Array,
     target: Array,
     used: Mask,
@@ -387,7 +387,7 @@ class _CachedLinearisation:
     """Whitened residuals and derivatives; the solver asks for one after the other at each step."""
 
     def __init__(
-        self, model: ResidualModel, base: Array, prior: Array, rows: Mask, L: Array
+        self, model: LeastSquaresModel, base: Array, prior: Array, rows: Mask, L: Array
     ) -> None:
         self._model, self._base, self._prior, self._rows, self._L = model, base, prior, rows, L
         self._at, self._found = np.empty(0), (np.empty(0), np.empty(0))

@@ -15,12 +15,7 @@ from scipy.special import chdtri
 
 from tjscan.calibration.noise import NoiseModel, geometry_error_correlation
 from tjscan.calibration.solve import refine
-from tjscan.calibration.solve.refine import (
-    CombinedModel,
-    LeastSquaresEstimate,
-    refine_by_least_squares,
-    refit_targets,
-)
+from tjscan.calibration.solve.refine import CombinedModel, LeastSquaresEstimate
 from tjscan.calibration.targets.target import SeenTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, Mask, inverse_pose, skew_matrix
@@ -52,7 +47,7 @@ def reject_outlying_profiles(
 
     Bad profiles hide one another and put the blame on good ones, so sets of them are left out
     whole. The set is taken that explains the profiles best: a profile costs as much as it must
-    stand out by to be blamed alone. Two other explanations compete: that all profiles are rougher
+    differ by to be blamed alone. Two other explanations compete: that all profiles are rougher
     than stated, and that the arm's geometry is off.
 
     Parameters
@@ -87,7 +82,7 @@ def reject_outlying_profiles(
 
 
 def blame_thresholds(estimate: LeastSquaresEstimate) -> Array:
-    """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
+    """By how much each profile must differ to be blamed alone, shape (n,): a chi-squared."""
     sizes = estimate.residuals_per_profile
     return np.asarray(chdtri(sizes, refine.FALSE_ALARM_PROBABILITY / len(sizes)))
 
@@ -181,7 +176,7 @@ def _geometry_error_costs(estimate: LeastSquaresEstimate, tried: Array) -> Array
     return np.asarray(chi2 / widened + estimate.dof * np.log(widened) + volume)
 
 
-MIN_LINES: Final = 5
+MIN_HAND_EYE_PROFILES: Final = 5
 """Eq. (20) needs five lines in general position."""
 CONFIRMING_STARTS: Final = 2
 """Starts that lead to the same best place before no more are tried."""
@@ -277,11 +272,11 @@ class CalibrationProblem:
         CalibrationRefused
             If there are too few.
         """
-        if len(self.names) < MIN_LINES:
+        if len(self.names) < MIN_HAND_EYE_PROFILES:
             raise CalibrationRefused(
                 "too few lines",
-                f"{len(self.names)} were taken, at least {MIN_LINES} are needed and twelve are "
-                "good; take more, each with another tilt of the sensor",
+                f"{len(self.names)} were taken, at least {MIN_HAND_EYE_PROFILES} are needed and "
+                "twelve are good; take more, each with another tilt of the sensor",
             )
         return np.concatenate([one.T_b_f for one in self.targets if one.names])
 
@@ -309,7 +304,7 @@ class CalibrationProblem:
         """
         model, whole = self.fit(begin)
         final = reject_outlying_profiles(model, whole, self.noise.geometry)
-        return SensorSolution(whole, final, refit_targets(model, final), model)
+        return SensorSolution(whole, final, refine.refit_targets(model, final), model)
 
     def fit(
         self, begin: Sequence[Array], most: int | None = None
@@ -326,7 +321,7 @@ class CalibrationProblem:
         every = np.ones(len(self.names), dtype=bool)
         found: list[tuple[bool, float, CombinedModel, LeastSquaresEstimate]] = []
         for _, T_f_s, model, target in self._nearest_starts(begin)[:most]:
-            estimate = refine_by_least_squares(model, T_f_s, target, every, rough=True)
+            estimate = refine.refine_by_least_squares(model, T_f_s, target, every, rough=True)
             behind = not self.sensor_is_fixed and any(
                 one.is_behind(estimate.T_f_s, estimate.target[model.target_slice(k)])
                 for k, one in enumerate(model.models)
@@ -340,7 +335,7 @@ class CalibrationProblem:
                 break
         _, _, model, estimate = min(found, key=lambda one: one[:2])
         if most is None:
-            estimate = refine_by_least_squares(model, estimate.T_f_s, estimate.target, every)
+            estimate = refine.refine_by_least_squares(model, estimate.T_f_s, estimate.target, every)
         return model, estimate
 
     def _nearest_starts(

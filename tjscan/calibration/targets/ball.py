@@ -77,7 +77,7 @@ class CircleFit:
         return np.asarray(np.linalg.lstsq(J, outward, rcond=None)[0])
 
 
-def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_ARC_RADIUS) -> CircleFit:
+def fit_circle(profile: Profile, noise: NoiseModel) -> CircleFit:
     """Fit the circle that most points of a profile are on.
 
     Parameters
@@ -86,8 +86,6 @@ def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_ARC_RAD
         Of a ball.
     noise : NoiseModel
         States the range noise of a point.
-    largest : float
-        Largest radius to accept, metres.
 
     Raises
     ------
@@ -101,7 +99,7 @@ def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_ARC_RAD
             f"the profile holds {len(points)} points, an arc needs {MIN_ARC_POINTS}; bring the "
             "ball into the sensor's range",
         )
-    circles = _circles_through(points[consensus.sample_index_sets(len(points), 3)], largest)
+    circles = _circles_through(points[consensus.sample_index_sets(len(points), 3)])
     inlier = consensus.find_inliers(points, circles, _distances_from_circles, noise.range)
     if inlier.sum() >= MIN_ARC_POINTS:
         inlier = consensus.refit_and_trim(
@@ -112,12 +110,12 @@ def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_ARC_RAD
     if inlier.sum() < max(MIN_ARC_POINTS, MIN_ARC_SHARE * len(points)):
         raise CalibrationRefused(
             "no arc seen",
-            f"only {inlier.sum()} of {len(points)} points lie on one circle within "
+            f"only {inlier.sum()} of {len(points)} points are on one circle within "
             f"{1e3 * consensus.OUTLIER_SIGMAS * consensus.MAX_SCATTER_RATIO * noise.range:.2f} mm; "
             "let the line cross the ball nearer to its middle",
         )
     _check_curvature(points, inlier, noise)
-    return _describe_arc(profile, inlier, noise, largest)
+    return _describe_arc(profile, inlier, noise)
 
 
 def _check_curvature(points: Array, inlier: Mask, noise: NoiseModel) -> None:
@@ -143,12 +141,12 @@ def _check_curvature(points: Array, inlier: Mask, noise: NoiseModel) -> None:
     if gain < float(chdtri(1, FALSE_ARC_PROBABILITY)):
         raise CalibrationRefused(
             "no arc seen",
-            f"{len(span)} points lie on a straight line as well as on a circle; let the line cross "
+            f"{len(span)} points are on a straight line as well as on a circle; let the line cross "
             "the ball nearer to its middle",
         )
 
 
-def _circles_through(triples: Array, largest: float) -> Array:
+def _circles_through(triples: Array) -> Array:
     """Circles (x, z, radius), shape (k, 3), through three points each; none larger."""
     # Circumcentre: both chords from the first point are bisected.
     chord = triples[:, 1:] - triples[:, :1]
@@ -159,7 +157,7 @@ def _circles_through(triples: Array, largest: float) -> Array:
         z = (half[:, 1] * chord[:, 0, 0] - half[:, 0] * chord[:, 1, 0]) / twice_area
     radius = np.hypot(x, z)
     circles = np.column_stack((triples[:, 0] + np.column_stack((x, z)), radius))
-    return np.asarray(circles[radius <= largest])
+    return np.asarray(circles[radius <= MAX_ARC_RADIUS])
 
 
 def _distances_from_circles(points: Array, circles: Array) -> Array:
@@ -182,7 +180,7 @@ def _fit_algebraically(points: Array) -> Array:
     return np.array((x + middle[0], z + middle[1], np.sqrt(c + x * x + z * z)))
 
 
-def _describe_arc(profile: Profile, inlier: Mask, noise: NoiseModel, largest: float) -> CircleFit:
+def _describe_arc(profile: Profile, inlier: Mask, noise: NoiseModel) -> CircleFit:
     kept = consensus.valid_points(profile)[inlier]
 
     def jacobian(circle: Array) -> Array:
@@ -195,7 +193,7 @@ def _describe_arc(profile: Profile, inlier: Mask, noise: NoiseModel, largest: fl
     circle = found.x
     # The angle is zero on the sensor's side.
     angle = np.arctan2(kept[:, 0] - circle[0], (kept - circle[:2]) @ -np.array((0.0, 1.0)))
-    if circle[2] > largest or np.ptp(angle) < MIN_ARC_ANGLE:
+    if circle[2] > MAX_ARC_RADIUS or np.ptp(angle) < MIN_ARC_ANGLE:
         raise CalibrationRefused(
             "no arc seen",
             f"the arc spans {np.degrees(np.ptp(angle)):.0f}° of a circle of "

@@ -13,15 +13,15 @@ from tjscan.core.frames import Array, Mask
 from tjscan.core.robust import mad_sigma
 from tjscan.laser.profile import Profile
 
-SCORED_POINTS: Final = 96
+HYPOTHESIS_SCORE_POINTS: Final = 96
 """Points at which a hypothesis is scored: enough to rank, few enough to be quick."""
-ANCHOR_POINTS: Final = 14
+HYPOTHESIS_ANCHOR_POINTS: Final = 14
 """Points from which hypotheses are drawn, evenly spaced; spatter and edges hold only some."""
 OUTLIER_SIGMAS: Final = 3.5
 """A point farther from the curve than so many standard deviations does not belong to it."""
 MAX_SCATTER_RATIO: Final = 4.0
 """A curve may be so many times rougher than stated before its points count as outliers."""
-MAX_TRIMS: Final = 8
+MAX_TRIM_ROUNDS: Final = 8
 """Rounds of refitting and trimming; the points in use settle in two or three."""
 
 
@@ -44,7 +44,7 @@ def evenly_spaced_indices(count: int, wanted: int) -> NDArray[np.intp]:
 
 def sample_index_sets(count: int, size: int) -> NDArray[np.intp]:
     """Sets of `size` indices, shape (k, size), spread over ``range(count)``; always the same."""
-    anchors = evenly_spaced_indices(count, ANCHOR_POINTS)
+    anchors = evenly_spaced_indices(count, HYPOTHESIS_ANCHOR_POINTS)
     return np.asarray(anchors[np.array(list(combinations(range(len(anchors)), size)))])
 
 
@@ -53,7 +53,7 @@ def find_inliers(
     hypotheses: Array,
     distances: Callable[[Array, Array], Array],
     sigma: float,
-    scored: int = SCORED_POINTS,
+    scored: int = HYPOTHESIS_SCORE_POINTS,
 ) -> Mask:
     """Points close to the one of many curves that most of them are close to, shape (n,).
 
@@ -109,7 +109,7 @@ def refit_and_trim(residuals_of: Callable[[Mask], Array], inlier: Mask, stated: 
     stated : float
         Standard deviation that the noise model states.
     """
-    for _ in range(MAX_TRIMS):
+    for _ in range(MAX_TRIM_ROUNDS):
         residuals = residuals_of(inlier)
         kept = np.abs(residuals) < OUTLIER_SIGMAS * inlier_scatter(residuals, stated)
         if (kept == inlier).all() or kept.sum() < 3:

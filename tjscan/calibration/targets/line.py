@@ -146,7 +146,7 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
     if inlier.sum() < max(MIN_LINE_POINTS, MIN_LINE_SHARE * len(points)):
         raise CalibrationRefused(
             "no line seen",
-            f"only {inlier.sum()} of {len(points)} points lie on one straight line within "
+            f"only {inlier.sum()} of {len(points)} points are on one straight line within "
             f"{1e3 * consensus.OUTLIER_SIGMAS * consensus.MAX_SCATTER_RATIO * noise.range:.2f} mm; "
             "clear the board, or state the range noise that this sensor really has",
         )

@@ -18,15 +18,20 @@ from tjscan.calibration.closed_form import (
     sensor_on_flange_side_share,
     solve_closed_form,
 )
-from tjscan.calibration.noise import ARM_REACH, NoiseModel
+from tjscan.calibration.noise import TYPICAL_FLANGE_LEVER, NoiseModel
 from tjscan.calibration.targets.line import LineBundle, LineFit, stack_lines
-from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
+from tjscan.calibration.targets.target import (
+    LinearisedModel,
+    SeenTarget,
+    TargetModel,
+    TargetStatement,
+)
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, array_dataclass, cross, pose, transform_points, unit_vector
 
 MAX_REFINED_STARTS: Final = 12
 """Starts refined for an unknown plane."""
-NORMALS_TRIED: Final = 300
+PLANE_NORMALS_TRIED: Final = 300
 """Directions tried for an unknown normal: one in every 8°."""
 MISFIT_OFFSET_SCALE: Final = 1e-3
 MISFIT_TILT_SCALE: Final = float(np.radians(0.5))
@@ -40,8 +45,8 @@ MIN_TOUCH_PROBABILITY: Final = 1e-4
 """Touches less probable than this under the stated noise are refused."""
 NOT_FLAT_REASON: Final = "touched points not on one plane"
 """The reason for which to touch again; none of the other reasons goes away by that."""
-EQUIVALENT_TOUCH_SQUARE: Final = 0.2
-"""Metres; see `plane_stated_beforehand`."""
+STATED_PLANE_SQUARE_SIDE: Final = 0.2
+"""Metres; see `plane_of_statement`."""
 
 
 @array_dataclass
@@ -68,7 +73,7 @@ class PlaneTarget:
         the pattern, times the root of the number of points.
     by_arm : ndarray, shape (3, m), or None
         How (tilt, tilt, height) move with draws of the arm's geometry, see
-        `ArmGeometryDeviation.moves`; `information` is then that of the touches alone. None if it
+        `ArmGeometryDeviation.moves`; `information` is then from the touches alone. None if it
         holds both.
     """
 
@@ -81,7 +86,7 @@ class PlaneTarget:
     by_arm: Array | None = None
 
     @classmethod
-    def unknown_plane(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:
+    def from_unknown_plane(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:
         """Make a target whose plane is unknown beforehand, from a starting value.
 
         Parameters
@@ -97,7 +102,7 @@ class PlaneTarget:
         return cls(plane, foot, axes, np.zeros((3, 3)), np.zeros(0), np.zeros(3))
 
     @property
-    def was_touched(self) -> bool:
+    def is_place_known(self) -> bool:
         """Whether the board's place is known, from touches or as stated."""
         return bool(self.information.any())
 
@@ -140,7 +145,7 @@ class PlaneModel(TargetModel):
 
     def is_behind(self, T_f_s: Array, target: Array) -> bool:
         """Whether sensor and flange are on different sides of an unknown plane."""
-        if self.target.was_touched:
+        if self.target.is_place_known:
             return False
         plane = self.target.boxplus(target)
         return sensor_on_flange_side_share(self.lines, plane, T_f_s[:3, 3]) < 0.5
@@ -262,7 +267,7 @@ def unknown_plane_starts(lines: LineBundle, count: int = MAX_REFINED_STARTS) -> 
     count : int
         How many starts to return.
     """
-    u = half_sphere_directions(NORMALS_TRIED)
+    u = half_sphere_directions(PLANE_NORMALS_TRIED)
     both, _ = rotation_candidates(rotation_equations(lines, u))  # (g, 2, 3, 3)
     u_f = np.einsum("nji,gj->gni", lines.R_b_f, u)
     centroid_f = np.einsum("gkij,nj->gkni", both, lines.points_s)
@@ -319,7 +324,7 @@ def plane_through_lines(T_b_f: Array, fits: Sequence[LineFit], T_f_s: Array) -> 
     if u @ (T_b_f[:, :3, 3].mean(axis=0) - centre) < 0:
         u = -u
     near = (T_b_f[0] @ T_f_s @ np.append(fits[0].point_s, 1.0))[:3]
-    return PlaneTarget.unknown_plane(PluckerPlane(u, -float(u @ centre)), near)
+    return PlaneTarget.from_unknown_plane(PluckerPlane(u, -float(u @ centre)), near)
 
 
 def fit_plane(
@@ -371,7 +376,7 @@ def fit_plane(
     own, gain = sigma**2 * np.eye(len(points)), np.linalg.pinv(across)
     if by_arm is None:
         metres = np.linalg.norm(points[:, None] - points, axis=2)
-        covariance = own + geometry**2 * np.exp(-0.5 * (metres / ARM_REACH) ** 2)
+        covariance = own + geometry**2 * np.exp(-0.5 * (metres / TYPICAL_FLANGE_LEVER) ** 2)
         information, moves = np.linalg.inv(gain @ covariance @ gain.T), None
     else:
         off = np.einsum("i,nim->nm", u, by_arm)
@@ -382,27 +387,21 @@ def fit_plane(
     return PlaneTarget(plane, centre, axes[:2], information, residuals, singular, moves)
 
 
-def plane_stated_beforehand(
-    plane: PluckerPlane, flange_b: ArrayLike, sigma: float, *, geometry: float = 0.0
-) -> PlaneTarget:
-    """Plane target that the user states, as sure as one touched at the corners of a square.
+def plane_of_statement(stated: TargetStatement, noise: NoiseModel) -> PlaneTarget | None:
+    """The plane as touched or stated; None if it is unknown.
 
-    Parameters
-    ----------
-    plane : PluckerPlane
-        The board, frame b; its normal may point either way.
-    flange_b : array_like, shape (3,)
-        About where the flange was: on the side that lines are seen from.
-    sigma : float
-        Standard deviation of each touched corner of a square with side
-        `EQUIVALENT_TOUCH_SQUARE`, in metres.
-    geometry : float
-        Standard deviation of the arm's geometry error, metres.
+    One that the user states is as sure as one touched at the corners of a square with side
+    `STATED_PLANE_SQUARE_SIDE`; its normal may point either way.
     """
-    flange = np.asarray(flange_b, dtype=float)
-    bare = PlaneTarget.unknown_plane(plane, flange)
-    corners = EQUIVALENT_TOUCH_SQUARE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange, geometry=geometry)
+    points_b = stated.touched
+    if stated.plane is not None:
+        plane = PluckerPlane(np.array(stated.plane[:3]), 1e-3 * stated.plane[3])
+        bare = PlaneTarget.from_unknown_plane(plane, stated.flange_b)
+        corners = STATED_PLANE_SQUARE_SIDE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+        points_b = bare.centre_b + corners @ bare.axes_b
+    if points_b is None:
+        return None
+    return fit_plane(points_b, noise.touch, stated.flange_b, geometry=noise.geometry)
 
 
 def _check_touch_span(singular: Array, sigma: float) -> None:

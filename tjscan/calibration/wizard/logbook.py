@@ -16,13 +16,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, PoseMatrix
-from tjscan.recording.foxglove import (
-    PROFILE_TOPIC,
-    TRANSFORMS_TOPIC,
-    frame_transforms_message,
-    profile_from_cloud_message,
-    profile_to_cloud_message,
-)
+from tjscan.recording import foxglove
 from tjscan.recording.journal import RecordingWriter
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.recording.reader import read_messages
@@ -105,10 +99,10 @@ ENTRY_TOPICS: Final[Mapping[type[CalibrationEntry], Topic[Any]]] = {
 }
 """Topic of each kind of entry; the points of a profile follow on `PROFILE_TOPIC`."""
 
-TOPICS_READ: Final[tuple[Topic[Any], ...]] = (*ENTRY_TOPICS.values(), PROFILE_TOPIC)
+TOPICS_READ: Final[tuple[Topic[Any], ...]] = (*ENTRY_TOPICS.values(), foxglove.PROFILE_TOPIC)
 """What is read again; the rest is for viewers."""
 
-CALIBRATION_TOPICS: Final[tuple[Topic[Any], ...]] = (*TOPICS_READ, TRANSFORMS_TOPIC)
+CALIBRATION_TOPICS: Final[tuple[Topic[Any], ...]] = (*TOPICS_READ, foxglove.TRANSFORMS_TOPIC)
 """Everything that a calibration records."""
 
 
@@ -127,12 +121,12 @@ def messages_of_entry(time: int, entry: CalibrationEntry) -> Iterator[tuple[Topi
         case BoardTouch(T_b_f=T_b_f) if T_b_f is not None:
             yield _flange_message(time, T_b_f)
         case LaserLineTaken(posed_profile=shot) | ArmPoseTaken(posed_profile=shot):
-            yield PROFILE_TOPIC, profile_to_cloud_message(time, shot.profile)
+            yield foxglove.PROFILE_TOPIC, foxglove.profile_to_cloud_message(time, shot.profile)
             yield _flange_message(time, shot.T_b_f)
 
 
 def _flange_message(time: int, T_b_f: Array) -> tuple[Topic[Any], FrameTransforms]:
-    return (TRANSFORMS_TOPIC, frame_transforms_message(time, {("b", "f"): T_b_f}))
+    return (foxglove.TRANSFORMS_TOPIC, foxglove.frame_transforms_message(time, {("b", "f"): T_b_f}))
 
 
 def read_calibration_entries(directory: Path) -> Iterator[CalibrationEntry]:
@@ -151,7 +145,7 @@ def read_calibration_entries(directory: Path) -> Iterator[CalibrationEntry]:
         for entry in read_messages(file, TOPICS_READ):
             if isinstance(entry.message, LaserLineTaken | ArmPoseTaken):
                 pending = entry.message
-            elif entry.topic is PROFILE_TOPIC:
+            elif entry.topic is foxglove.PROFILE_TOPIC:
                 yield _add_profile_points(file, pending, entry.message)
             else:
                 yield entry.message
@@ -165,7 +159,7 @@ def _add_profile_points(
         if entry is None:
             raise ValueError("a profile without a line")
         shot = entry.posed_profile
-        profile = profile_from_cloud_message(cloud, shot.profile)
+        profile = foxglove.profile_from_cloud_message(cloud, shot.profile)
     except (KeyError, ValueError) as error:
         raise RecordingError(f"{file}: is damaged: {error!r}") from error
     return replace(entry, posed_profile=replace(shot, profile=profile))
@@ -202,7 +196,7 @@ class MeasurementsSoFar:
     arm_poses: dict[int, ArmPoseTaken] = field(default_factory=dict)
 
     @property
-    def contacts(self) -> list[tuple[int, Array, Array | None]]:
+    def tip_contacts(self) -> list[tuple[int, Array, Array | None]]:
         """Number of each place where the tip touched, T_b_f and joint angles then, in order."""
         touches = sorted(self.touches.items())
         return [(k, touch.T_b_f, touch.q) for k, touch in touches if touch.T_b_f is not None]
@@ -240,7 +234,7 @@ class Logbook(RecordingWriter):
         About where the laser sits on the flange, as assumed while measuring. It shows a viewer
         where the profiles are, and is not read again.
     listen : callable, optional
-        Receives every entry, those of before too, once it is on the disk.
+        Receives every entry, earlier ones too, once it is on the disk.
 
     Raises
     ------
@@ -270,8 +264,8 @@ class Logbook(RecordingWriter):
         with ExitStack() as stack:
             stack.push(super().__exit__)
             now = time.time_ns()
-            mount = frame_transforms_message(now, {("f", "s"): self._T_f_s})
-            self.write(now, (TRANSFORMS_TOPIC, mount))
+            mount = foxglove.frame_transforms_message(now, {("f", "s"): self._T_f_s})
+            self.write(now, (foxglove.TRANSFORMS_TOPIC, mount))
             self.record(begun)
             stack.pop_all()
         return self

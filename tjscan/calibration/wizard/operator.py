@@ -119,7 +119,7 @@ class JoggedProbe:
     """
 
     touch_question: ClassVar[str] = (
-        "Jog the probe tip until it just touches the board, then say yes"
+        "Jog the probe tip until it just touches the board, then answer yes"
     )
 
     arm: Arm

@@ -23,19 +23,9 @@ from tjscan.calibration.targets.line import LineBundle, LineFit, fit_line
 from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget, fit_plane
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
+from tjscan.core import frames
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import (
-    Array,
-    Mask,
-    array_dataclass,
-    inverse_pose,
-    pose,
-    rot_x,
-    rot_z,
-    skew_matrix,
-    transform_points,
-    unit_vector,
-)
+from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.model import MeasuringRange
 
@@ -228,7 +218,7 @@ class SuggestedPose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinePrediction:
+class LinePredictor:
     """Predicts the lines that a sensor would take of a plane, and their information about it.
 
     Parameters
@@ -302,7 +292,7 @@ class LinePrediction:
         """
         u = self.target.plane.u
         x = board.axes_b[0] if x_b is None else np.asarray(x_b, dtype=float)
-        x = unit_vector(x - (x @ u) * u)
+        x = frames.unit_vector(x - (x @ u) * u)
         upright = np.column_stack((x, np.cross(-u, x), -u))  # z_s into the board
         turns = [
             Rotation.from_rotvec(yaw * u) * Rotation.from_rotvec(tilt * axis)
@@ -319,7 +309,7 @@ class LinePrediction:
         origin = foot[None, :, None] - depth[None, None, :, None] * R_b_s[:, None, None, :, 2]
         T_b_s = np.tile(np.eye(4), (*origin.shape[:3], 1, 1))
         T_b_s[..., :3, :3], T_b_s[..., :3, 3] = R_b_s[:, None, None], origin
-        T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse_pose(self.T_f_s)
+        T_b_f = T_b_s.reshape(-1, 4, 4) @ frames.inverse_pose(self.T_f_s)
         seen = self.lines(T_b_f)
         on_board = board.contains_points(seen.ends_b, LINE_EDGE_MARGIN).all(axis=1)
         return np.asarray(T_b_f[(seen.line_length >= MIN_PLANNED_LINE_LENGTH) & on_board])
@@ -369,7 +359,7 @@ class LinePrediction:
         """Information from lines and before any, shape (9, 9): mount roughly, plane as touched."""
         sigmas = np.repeat((MOUNT_PRIOR_SIGMA_POSITION, MOUNT_PRIOR_SIGMA_ROTATION), 3)
         known = block_diag(np.diag(1 / sigmas**2), self.target.information)
-        if not self.target.was_touched:
+        if not self.target.is_place_known:
             # Unknown, yet no determinant may vanish: half a turn and a metre.
             known[6:, 6:] = np.diag((np.pi**-2, np.pi**-2, 1.0))
         return np.asarray(known + self.lines(T_b_f).information.sum(0))
@@ -409,10 +399,12 @@ def poses_square_to_board(
     near : ndarray, shape (4, 4)
         Flange pose to turn as little as possible from.
     """
-    facing = T_b_board[:3, :3] @ rot_x(np.pi)
-    turns = [facing @ rot_z(2 * np.pi * k / FLANGE_YAW_COUNT) for k in range(FLANGE_YAW_COUNT)]
+    facing = T_b_board[:3, :3] @ frames.rot_x(np.pi)
+    turns = [
+        facing @ frames.rot_z(2 * np.pi * k / FLANGE_YAW_COUNT) for k in range(FLANGE_YAW_COUNT)
+    ]
     turns.sort(key=lambda R: Rotation.from_matrix(near[:3, :3].T @ R).magnitude())
-    return [pose(R, place_b - R @ tip_f) for R in turns]
+    return [frames.pose(R, place_b - R @ tip_f) for R in turns]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -493,7 +485,7 @@ class CalibrationPlan:
             for y in np.linspace(-reach[1], reach[1], rows)
             for x in np.linspace(-reach[0], reach[0], columns)
         ]
-        return transform_points(self.T_b_board, grid[: self.touches])
+        return frames.transform_points(self.T_b_board, grid[: self.touches])
 
     def start_poses(self, near: Array) -> list[Array]:
         """Flange poses with the sensor square over the board in mid range, nearest turn first.
@@ -504,18 +496,21 @@ class CalibrationPlan:
             Flange pose whose turn is preferred.
         """
         depth = 0.5 * (self.window.near + self.window.far)
-        seen_f = transform_points(self.T_f_s, (0.0, 0.0, depth))
+        seen_f = frames.transform_points(self.T_f_s, (0.0, 0.0, depth))
         facing_f = self.T_f_s[:3, :3]
         # The sensor's z, not the flange's, is to point into the board.
         nowhere = np.zeros(3)
-        square = poses_square_to_board(self.T_b_board, nowhere, nowhere, near @ pose(facing_f))
+        square = poses_square_to_board(
+            self.T_b_board, nowhere, nowhere, near @ frames.pose(facing_f)
+        )
         R_b_f = [T[:3, :3] @ facing_f.T for T in square]
-        return [pose(R, self.T_b_board[:3, 3] - R @ seen_f) for R in R_b_f]
+        return [frames.pose(R, self.T_b_board[:3, 3] - R @ seen_f) for R in R_b_f]
 
     def tip_positions(self, measured: MeasurementsSoFar) -> dict[int, Array]:
         """Positions of the tip at each touch so far, frame b, metres, by number of the place."""
         return {
-            number: transform_points(T_b_f, self.tip_f) for number, T_b_f, _ in measured.contacts
+            number: frames.transform_points(T_b_f, self.tip_f)
+            for number, T_b_f, _ in measured.tip_contacts
         }
 
     def fit_board(self, measured: MeasurementsSoFar) -> tuple[PlaneTarget, BoardRectangle]:
@@ -535,12 +530,12 @@ class CalibrationPlan:
     def _tip_motion_per_draw(self, measured: MeasurementsSoFar) -> Array | None:
         """How the tip moves at each touch with draws of the arm's geometry, shape (n, 3, m)."""
         moves = []
-        for _, T_b_f, q in measured.contacts:
+        for _, T_b_f, q in measured.tip_contacts:
             if self.flange_moves is None or q is None:
                 return None
             by_flange = self.flange_moves(q)
             tip_b = T_b_f[:3, :3] @ self.tip_f
-            moves.append(by_flange[:3] - skew_matrix(tip_b) @ by_flange[3:])
+            moves.append(by_flange[:3] - frames.skew_matrix(tip_b) @ by_flange[3:])
         return np.array(moves) if moves else None
 
     def worst_touch(self, measured: MeasurementsSoFar) -> int:
@@ -554,9 +549,9 @@ class CalibrationPlan:
         """Lines of the profiles that show one, with their responses to errors that all share."""
         return fit_profiles(profiles, fit_line, self.noise, self.laser, self.flange_moves)[0]
 
-    def line_predictor(self, T_f_s: Array, target: PlaneTarget) -> LinePrediction:
+    def line_predictor(self, T_f_s: Array, target: PlaneTarget) -> LinePredictor:
         """Predicts lines on the board of a sensor that sits at T_f_s, shape (4, 4)."""
-        return LinePrediction(T_f_s, target, self.window, self.noise)
+        return LinePredictor(T_f_s, target, self.window, self.noise)
 
     def progress(self, measured: MeasurementsSoFar, target: PlaneTarget) -> CalibrationProgress:
         """Result of the lines taken so far, or why there is none yet.

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.checks import Verification, verify_with_fresh_line
+from tjscan.calibration.checks import FreshLineVerification, verify_with_fresh_line
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.line import fit_line
 from tjscan.calibration.targets.plane import NOT_FLAT_REASON, PlaneTarget, SeenBoard
@@ -66,7 +66,7 @@ class CalibrationWizard:
         """All touches and lines measured so far."""
         return self.logbook.measured
 
-    def run(self) -> tuple[HandEyeCalibration, Verification]:
+    def run(self) -> tuple[HandEyeCalibration, FreshLineVerification]:
         """Run the calibration: touch the board, take lines, verify with a fresh one.
 
         Raises
@@ -135,7 +135,7 @@ class CalibrationWizard:
 
     def verify(
         self, result: HandEyeCalibration, target: PlaneTarget, board: BoardRectangle
-    ) -> Verification:
+    ) -> FreshLineVerification:
         """Compare the calibration with one more line, taken now unless one was recorded.
 
         Parameters

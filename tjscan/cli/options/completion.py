@@ -13,28 +13,23 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from cyclopts import App
 
-KIND_OF_JOB: Final[Mapping[tuple[str, ...], str]] = {
-    **dict.fromkeys(
-        (("scan",), ("teach",), ("doctor",), ("laser",), ("reprocess",), ("laser-loopback",)),
-        "scan",
-    ),
+JOB_KIND_OF_COMMAND: Final[Mapping[tuple[str, ...], str]] = {
+    **{(w,): "scan" for w in ("scan", "teach", "doctor", "laser", "reprocess", "laser-loopback")},
     ("calibrate",): "calibrate",
-    **dict.fromkeys(
-        (("crawl", "run"), ("crawl", "size"), ("crawl", "calibrate"), ("crawl", "replay")), "crawl"
-    ),
-    **dict.fromkeys((("tow", "run"), ("tow", "replay")), "tow"),
+    **{("crawl", word): "crawl" for word in ("run", "size", "calibrate", "replay")},
+    **{("tow", word): "tow" for word in ("run", "replay")},
 }
 """Commands that take keys of a job as options, and the kind of that job's file."""
 
 
 @contextmanager
 def job_keys_as_options(app: App) -> Iterator[None]:
-    """Let the commands of `KIND_OF_JOB` have an option for each key while the block runs.
+    """Let the commands of `JOB_KIND_OF_COMMAND` have an option for each key while the block runs.
 
     That is for making a script of completion; what such a command does is left out.
     """
     with ExitStack() as stack:
-        for path, kind in KIND_OF_JOB.items():
+        for path, kind in JOB_KIND_OF_COMMAND.items():
             if path[0] not in app:
                 continue  # its package is not installed
             command = app
@@ -42,7 +37,7 @@ def job_keys_as_options(app: App) -> Iterator[None]:
                 command = command[word]
             function = command.default_command
             stack.callback(setattr, command, "default_command", function)
-            command.default_command = _add_parameters(function, dict(options_of_job(kind)))
+            command.default_command = _add_option_parameters(function, dict(options_of_job(kind)))
         yield
 
 
@@ -82,7 +77,7 @@ def _resolved_schema(
     return schema
 
 
-def _add_parameters(
+def _add_option_parameters(
     function: Callable[..., Any] | None, options: Mapping[str, tuple[str, ...]]
 ) -> Callable[..., Any]:
     """Function with the parameters of another, and one more for each option."""

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.page import LiveCrawlOptions
+from tjscan.cli.options.shared import LiveCrawlOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
@@ -50,7 +50,7 @@ def watch_crawl(
     ----------
     job : CrawlJob
     file : Path
-        Where it was read from.
+        The file that it was read from.
     page : LiveCrawlOptions, optional
         Whether it is shown in a browser too, and driven by hand there before it begins.
     """
@@ -62,7 +62,7 @@ def watch_crawl(
     from tjscan.runs.live.crawl import PageHandDrive, show_crawl
 
     hand, stop = PageHandDrive.of_job(job) if page.wait else None, ctrl_c_presser()
-    with show_crawl(job, file.stem, page.where, print_message, stop, hand) as shown:
+    with show_crawl(job, file.stem, page.page_address, print_message, stop, hand) as shown:
         both = CombinedJournal(context.journal, shown)
         yield replace(context, journal=both, hand=hand)
 
@@ -73,7 +73,7 @@ def print_passes(directory: Path, *, json: bool) -> None:
     if json:
         print_json({"directory": str(directory), "passes": rows})
         return
-    _print_rows(rows, f"{directory / PASSES_FILE}")
+    _print_pass_rows(rows, f"{directory / PASSES_FILE}")
 
 
 def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: bool) -> None:
@@ -82,7 +82,7 @@ def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: b
         print_json(runs)
         return
     for name, rows in runs.items():
-        _print_rows(rows, name)
+        _print_pass_rows(rows, name)
 
 
 def print_crawler_sizing(figures: Sequence[SizeFigure], *, json: bool) -> None:
@@ -90,18 +90,15 @@ def print_crawler_sizing(figures: Sequence[SizeFigure], *, json: bool) -> None:
     if json:
         names = ("name", "value", "unit", "least", "most", "holds", "advice")
         rows = [{name: getattr(one, name) for name in names} for one in figures]
-        print_json(
-            [row | {"value": row["value"] if isfinite(row["value"]) else None} for row in rows]
-        )
+        for row in rows:
+            row["value"] = row["value"] if isfinite(row["value"]) else None
+        print_json(rows)
         return
-    states = ["" if not one.rule else "holds" if one.holds else "BROKEN" for one in figures]
-    print_fields(
-        [
-            (one.name, f"{one.value:.4g} {one.unit}", one.rule, state)
-            for one, state in zip(figures, states, strict=True)
-        ],
-        ("figure", "value", "rule", ""),
-    )
+    cells = []
+    for one in figures:
+        state = "" if not one.rule else "holds" if one.holds else "BROKEN"
+        cells.append((one.name, f"{one.value:.4g} {one.unit}", one.rule, state))
+    print_fields(cells, ("figure", "value", "rule", ""))
     for one in figures:
         if not one.holds:
             print_message(f"{one.name} is {one.value:.3g} {one.unit}".rstrip() + f": {one.advice}")
@@ -118,13 +115,10 @@ def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: boo
     )
 
 
-def _print_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
+def _print_pass_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
     if not rows:
         print_message(f"{title}: no pass was welded")
         return
     # Quantities go down and passes across: a terminal is not as wide as the file.
-    print_fields(
-        [(name, *(row[name] for row in rows)) for name in list(rows[0])[1:]],
-        ("", *(f"pass {row['pass']}" for row in rows)),
-        title,
-    )
+    head = ("", *(f"pass {row['pass']}" for row in rows))
+    print_fields([(name, *(row[name] for row in rows)) for name in list(rows[0])[1:]], head, title)

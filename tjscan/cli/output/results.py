@@ -1,8 +1,9 @@
-"""What ``tjscan groove`` prints and draws, and what ``tjscan compare`` prints."""
+"""What ``tjscan groove``, ``tjscan laser`` and ``tjscan compare`` print and draw."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import islice
 from json import dumps
 from math import hypot
@@ -10,6 +11,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
 
 from tjscan.cli.output.console import print_message, print_table
 from tjscan.comparison.compare import Comparison, comparison_to_dict
@@ -17,6 +21,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.files.read import flip_heights
+from tjscan.laser.line_laser import DescribedLaser, LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import (
     ProfileReading,
@@ -29,7 +34,7 @@ from tjscan.uncertainty.budget import budget_in_words
 MOST_LISTED_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
 
-MOST_PROFILES_INVERTED: Final = 10
+MOST_PROFILES_TRIED_INVERTED: Final = 10
 """Profiles that are read with heights turned round if none shows a groove."""
 
 
@@ -58,22 +63,17 @@ def print_readings(
         JSON in place of a table.
     """
     if json:
-        print(
-            dumps({"readings": [reading_to_dict(r) for r in readings], "bad": list(bad)}, indent=2)
-        )
+        dicts = [reading_to_dict(reading) for reading in readings]
+        print(dumps({"readings": dicts, "bad": list(bad)}, indent=2))
         return
     corners = corners or all(r.section is None for r in readings)  # a butt joint's are all it has
     cells = [_corner_cells(r) if corners else _measure_cells(r) for r in readings]
     names = list(dict.fromkeys(name for row in cells for name in row))
-    print_table(
-        [
-            ("profile", *names, "found"),
-            *(
-                (reading.name, *(row.get(name, "") for name in names), _found_in_words(reading))
-                for reading, row in zip(readings, cells, strict=True)
-            ),
-        ]
-    )
+    rows = [("profile", *names, "found")]
+    for reading, row in zip(readings, cells, strict=True):
+        found = str(reading.refusal or reading.found_in_words or "butt joint")
+        rows.append((reading.name, *(row.get(name, "") for name in names), found))
+    print_table(rows)
 
 
 def _measure_cells(reading: ProfileReading) -> dict[str, str]:
@@ -87,23 +87,16 @@ def _corner_cells(reading: ProfileReading) -> dict[str, str]:
     ends = (len(reading.points_s) - len(reading.corner_sigmas)) // 2
     sigmas = ["" for _ in range(ends)]
     sigmas = [*sigmas, *(f" ± {1e3 * hypot(*one):.3f}" for one in reading.corner_sigmas), *sigmas]
+    found = zip(reading.corners_seen, 1e3 * reading.points_s, sigmas, strict=True)
     return {
         f"p{i}_x_z_mm": f"{x:.3f} {z:.3f}{sigma}" if seen else "not seen"
-        for i, (seen, (x, _, z), sigma) in enumerate(
-            zip(reading.corners_seen, 1e3 * reading.points_s, sigmas, strict=True), start=1
-        )
+        for i, (seen, (x, _, z), sigma) in enumerate(found, start=1)
     }
-
-
-def _found_in_words(reading: ProfileReading) -> str:
-    if reading.refusal is not None:
-        return str(reading.refusal)
-    return reading.found_in_words or "butt joint"
 
 
 def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
     """Print on stderr if profiles without a groove show one once their heights change sign."""
-    few = dict(islice(profiles.items(), MOST_PROFILES_INVERTED))
+    few = dict(islice(profiles.items(), MOST_PROFILES_TRIED_INVERTED))
     turned = {name: flip_heights(p) for name, p in few.items() if p.valid.any()}
     found = sum(reading.refusal is None for reading in measure_grooves(turned, settings))
     if 2 * found > len(turned):
@@ -161,3 +154,106 @@ def print_comparison(comparison: Comparison, *, json: bool) -> None:
     if c.tolerance is not None:
         verdict = "within" if c.passed else "OUTSIDE"
         print(f"p95 {verdict} the tolerance of {1e3 * c.tolerance:g} mm")
+
+
+PROFILE_DRAWING_ROWS: Final = 18
+PROFILE_DRAWING_COLUMNS: Final = 110
+"""Characters of the drawing of a profile."""
+
+POINT_MARK, CORNER_MARKS = "·", "12345678"
+
+
+def print_laser_description(laser: LineLaser) -> None:
+    """Print on stderr the identity of a laser and the data that it sends, as far as known."""
+    if laser.identity:
+        print_message(str(laser.identity))
+    if isinstance(laser, DescribedLaser):
+        described = laser.describe()
+        for line in (described.link, described.format, described.advice):
+            if line:
+                print_message(line)
+
+
+def draw_profile(reading: ProfileReading, columns: int, rows: int) -> list[str]:
+    """Draw a profile as lines of text, the sensor above; corners by their numbers.
+
+    Parameters
+    ----------
+    reading : ProfileReading
+        The profile, and what was read in it.
+    columns, rows : int
+        Characters.
+    """
+    profile = reading.profile
+    x, z = (1e3 * values[profile.valid] for values in (profile.x_s, profile.z_s))
+    if not len(x):
+        return ["no point in range"]
+    canvas = np.full((rows, columns), " ")
+    (left, right), (top, bottom) = _nonempty_span(x), _nonempty_span(z)
+    across, down = (columns - 1) / (right - left), (rows - 1) / (bottom - top)
+    canvas[np.round((z - top) * down).astype(int), np.round((x - left) * across).astype(int)] = (
+        POINT_MARK
+    )
+    for mark, (corner_x, _, corner_z) in zip(CORNER_MARKS, 1e3 * reading.points_s, strict=False):
+        column, row = round((corner_x - left) * across), round((corner_z - top) * down)
+        if 0 <= column < columns and 0 <= row < rows:
+            canvas[row, column] = mark
+    lines = ["".join(row).rstrip() for row in canvas]
+    return [*lines, f"x {left:.1f} to {right:.1f} mm, z {top:.1f} (top) to {bottom:.1f} mm"]
+
+
+def describe_reading(reading: ProfileReading) -> str:
+    """One line about a profile: how many points, and the groove or why there is none."""
+    valid = int(reading.profile.valid.sum())
+    points = f"{reading.name}: {valid} of {len(reading.profile)} points"
+    if reading.refusal is not None:
+        return f"{points}, {reading.refusal}"
+    measures = [] if reading.section is None else measures_with_sigmas(reading.section)
+    values = [f"{name} {value:.2f} ± {sigma:.2f}" for name, value, sigma in measures]
+    words = [reading.found_in_words] if reading.found_in_words else []
+    return ", ".join([points, *words, *values])
+
+
+@contextmanager
+def show_live_readings(*, json: bool) -> Iterator[Callable[[ProfileReading], None]]:
+    """Give what shows readings as they come, while the block runs; Ctrl-C ends it.
+
+    Parameters
+    ----------
+    json : bool
+        Whether to print JSON instead, a line for each.
+    """
+    console = Console(highlight=False)
+    drawn = console.is_terminal and not json
+    live = Live(console=console, auto_refresh=False) if drawn else None
+
+    def show_reading(reading: ProfileReading) -> None:
+        if json:
+            print(dumps(_reading_with_time(reading)), flush=True)
+        elif live is None:
+            print(describe_reading(reading), flush=True)
+        else:
+            columns = min(console.width, PROFILE_DRAWING_COLUMNS)
+            lines = draw_profile(reading, columns, PROFILE_DRAWING_ROWS)
+            with suppress(BlockingIOError):  # a terminal that is slower than the laser
+                live.update(Text("\n".join((*lines, describe_reading(reading)))), refresh=True)
+
+    with suppress(KeyboardInterrupt), live or nullcontext():
+        yield show_reading
+
+
+def _reading_with_time(reading: ProfileReading) -> dict[str, object]:
+    profile = reading.profile
+    return {
+        "points": int(profile.valid.sum()),
+        "columns": len(profile),
+        "time_s": profile.time,
+        "time_uncertainty_s": profile.time_uncertainty,
+        **reading_to_dict(reading),
+    }
+
+
+def _nonempty_span(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float]:
+    """Least and greatest value; never the same."""
+    low, high = float(values.min()), float(values.max())
+    return (low, high) if high > low else (low - 0.5, high + 0.5)

@@ -10,10 +10,10 @@ from pathlib import Path
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.shared import LiveOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message, stderr
 from tjscan.core.config import add_file_to_errors
-from tjscan.job.tow.cell import make_planner, sweep_seam
+from tjscan.job.tow.cell import check_seam, make_shape_planner
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
@@ -57,18 +57,14 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
     ----------
     job : TowJob
     file : Path
-        Where it was read from.
+        The file that it was read from.
     page : LiveOptions
         Whether it is shown in a browser too.
     """
     seam = Seam(job.seam)
     unit = "mm of seam" if seam.length else "s"
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f} " + unit),
-        TimeElapsedColumn(),
-    )
+    count = TextColumn("{task.completed:.0f} of {task.total:.0f} " + unit)
+    columns = TextColumn("{task.description}"), BarColumn(), count, TimeElapsedColumn()
     with Progress(*columns, console=stderr) as progress:
         task = progress.add_task("towing", total=1e3 * seam.length or seam.seconds)
         context = TowContext(job, file, TowProgress(progress, task), write_run_report)
@@ -77,13 +73,13 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
             return
         from tjscan.runs.live.tow import show_tow
 
-        with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
+        with show_tow(job, file.stem, page.page_address, print_message, ctrl_c_presser()) as shown:
             both = CombinedJournal(context.journal, shown)
             yield replace(context, journal=both, show_truth=shown.record)
 
 
-def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
-    """Say whether the cable can follow along the whole seam.
+def print_seam_feasibility(job: TowJob, file: Path, *, json: bool) -> None:
+    """Report whether the cable can follow along the whole seam.
 
     Raises
     ------
@@ -91,18 +87,13 @@ def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
         If it can't, with where and why.
     """
     with add_file_to_errors(file):
-        sweep = sweep_seam(job, make_planner(job))
+        sweep = check_seam(job, make_shape_planner(job))
         sweep.refuse_if_blocked()
     bend = max(abs(plan.angles).max() for plan in sweep.plans)
     if json:
+        shape = {"first_shape": sweep.chosen, "first_shapes": sweep.shapes}
         print_json(
-            {
-                "feasible": True,
-                "length_mm": 1e3 * sweep.length,
-                "bend_rad": float(bend),
-                "first_shape": sweep.chosen,
-                "first_shapes": sweep.shapes,
-            }
+            {"feasible": True, "length_mm": 1e3 * sweep.length, "bend_rad": float(bend)} | shape
         )
         return
     limit = job.chain.joint_limit

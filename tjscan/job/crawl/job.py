@@ -65,23 +65,17 @@ def _make_mqtt_torch(context: TorchDriverInputs, settings: NoSettings) -> TorchA
     return MqttTorch(context.vehicle, context.reach)
 
 
-SIMULATED_TORCH: Final = TorchDriverFactory(
-    lambda context, settings: SimulatedTorchAxes(context.reach, context.speed),
-    kind=DriverKind.SIMULATED,
-)
-FIXED_TORCH: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
-MQTT_TORCH: Final = TorchDriverFactory(_make_mqtt_torch)
-
-TORCH_DRIVERS: Final[DriverRegistry[TorchDriverFactory]] = DriverRegistry(
+TORCH_DRIVERS: Final = DriverRegistry(
     "torch",
     {
-        "simulated": "tjscan.job.crawl.job:SIMULATED_TORCH",
-        "none": "tjscan.job.crawl.job:FIXED_TORCH",
-        "mqtt": "tjscan.job.crawl.job:MQTT_TORCH",
+        "simulated": TorchDriverFactory(
+            lambda context, settings: SimulatedTorchAxes(context.reach, context.speed),
+            kind=DriverKind.SIMULATED,
+        ),
+        "none": TorchDriverFactory(lambda context, settings: FixedTorch()),
+        "mqtt": TorchDriverFactory(_make_mqtt_torch, extra="vehicle"),
     },
-    extras={"mqtt": "vehicle"},
     key="torch.driver",
-    type=DriverFactory,
 )
 """Every torch driver by name."""
 
@@ -229,8 +223,8 @@ class CrawlJob(StrictFileModel):
                 real = set(registry.names) - {table.driver, "replay"}
                 yield (
                     "simulation",
-                    f"a simulated {registry.kind} needs a [simulation] table; {registry.key} names "
-                    f"a real one: {', '.join(sorted(real))}",
+                    f"a simulated {registry.device} needs a [simulation] table; {registry.key} "
+                    f"names a real one: {', '.join(sorted(real))}",
                 )
             if table.driver_kind is DriverKind.REPLAYED:
                 yield str(registry.key), "a crawl replays with tjscan crawl replay"

@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 UNNAMED_OBSTACLE: Final = "an obstacle that the job does not name"
 """Name of what the localisation sees, if the job has fewer moving obstacles."""
 
-LONGEST_EXTRAPOLATION: Final = 1.0
+LONGEST_OBSTACLE_EXTRAPOLATION: Final = 1.0
 """Seconds for which a moving obstacle is taken to go on at its last velocity."""
 
 
-def make_planner(job: TowJob) -> ShapePlanner:
+def make_shape_planner(job: TowJob) -> ShapePlanner:
     """Make the planner that a job names.
 
     Raises
@@ -52,12 +52,8 @@ def make_planner(job: TowJob) -> ShapePlanner:
         from tjscan.towing.shape.paper_planner import PaperPlanner
         from tjscan.towing.shape.plan import PlannerSettings, PoseAccuracy
         from tjscan.towing.shape.planner import TowingPlanner
-    settings = PlannerSettings(
-        job.weights,
-        job.targets,
-        job.hard_limits,
-        PoseAccuracy(known.position_sigma, known.heading_sigma),
-    )
+    accuracy = PoseAccuracy(known.position_sigma, known.heading_sigma)
+    settings = PlannerSettings(job.weights, job.targets, job.hard_limits, accuracy)
     kind = PaperPlanner if job.method == "paper" else TowingPlanner
     return kind(job.planned_chain, job.team, job.floor, settings)
 
@@ -104,7 +100,7 @@ class TowCell(DeviceGroup):
         moving = []
         discs = self.localisation.read_passers_by()
         for name, disc in zip_longest(self.moving_names[: len(discs)], discs):
-            late = min(max(0.0, time - disc.time), LONGEST_EXTRAPOLATION)
+            late = min(max(0.0, time - disc.time), LONGEST_OBSTACLE_EXTRAPOLATION)
             x, y = disc.x + late * disc.vx, disc.y + late * disc.vy
             velocity = disc.vx, disc.vy
             moving.append(DiscObstacle(x, y, disc.radius, velocity, name or UNNAMED_OBSTACLE))
@@ -174,16 +170,10 @@ def _make_localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
 
 
 def _make_truth(world: TowingWorld) -> TowTruth:
-    truth = world.truth()
-    return TowTruth(
-        truth.time,
-        truth.points,
-        truth.poses,
-        truth.forces[-1],
-        truth.drive_forces,
-        truth.passers_by[:, :3],
-        truth.touches,
-    )
+    now = world.truth()
+    welder_force, discs = now.forces[-1], now.passers_by[:, :3]
+    state = now.time, now.points, now.poses, welder_force
+    return TowTruth(*state, now.drive_forces, discs, now.touches)
 
 
 def fixed_obstacles(job: TowJob) -> list[DiscObstacle]:
@@ -192,15 +182,15 @@ def fixed_obstacles(job: TowJob) -> list[DiscObstacle]:
     return [DiscObstacle(*one.points[0], one.radius, name=one.name) for one in fixed]
 
 
-SWEEP_STEP: Final = 0.01
+SEAM_STEP: Final = 0.01
 """Metres of seam from one plan to the next."""
 
-SEAM_SWEEP_STEP_SECONDS: Final = 1.0
+SEAM_STEP_SECONDS: Final = 1.0
 """Time of the vehicles for a step of the sweep: long enough that it never limits them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeamSweep:
+class SeamFeasibility:
     """What a sweep along the seam found.
 
     Parameters
@@ -244,9 +234,9 @@ class SeamSweep:
             )
 
 
-def sweep_seam(
+def check_seam(
     job: TowJob, planner: ShapePlanner, along: float = 0.0, last: TowingPlan | None = None
-) -> SeamSweep:
+) -> SeamFeasibility:
     """Plan along the whole seam with vehicles that are always where they were sent.
 
     Obstacles that move are left out: their places are not known yet. If the cable gets stuck, the
@@ -267,12 +257,12 @@ def sweep_seam(
         If the seam is beyond the cable's reach.
     """
     seam = Seam(job.seam)
-    _refuse_beyond_reach(seam, job.chain.length, job.root.position)
+    _refuse_seam_beyond_cable(seam, job.chain.length, job.root.position)
     obstacles = fixed_obstacles(job)
     starts = planner.starts(seam.pose_at(along), obstacles) if last is None else [last]
-    farthest: SeamSweep | None = None
+    farthest: SeamFeasibility | None = None
     for k, start in enumerate(starts):
-        sweep = _sweep_from_start(start, planner, seam, along, obstacles)
+        sweep = _plan_seam_from_start(start, planner, seam, along, obstacles)
         if farthest is None or not sweep.why or sweep.reached > farthest.reached:
             farthest = replace(sweep, chosen=k + 1, shapes=len(starts))
         if not sweep.why:
@@ -281,30 +271,28 @@ def sweep_seam(
     return farthest
 
 
-def _sweep_from_start(
+def _plan_seam_from_start(
     start: TowingPlan,
     planner: ShapePlanner,
     seam: Seam,
     begin: float,
     obstacles: Sequence[DiscObstacle],
-) -> SeamSweep:
+) -> SeamFeasibility:
     plan, plans, reached = start, [start], begin
-    count = 1 + int(np.ceil((seam.length - begin) / SWEEP_STEP))
+    count = 1 + int(np.ceil((seam.length - begin) / SEAM_STEP))
     steps = np.linspace(begin, seam.length, count)[1:]
     for along in () if start.halt else steps:
         pose = seam.pose_at(along)
-        plan = planner.plan(
-            PlanInputs(plan.held_poses, pose, SEAM_SWEEP_STEP_SECONDS, plan, obstacles)
-        )
+        plan = planner.plan(PlanInputs(plan.held_poses, pose, SEAM_STEP_SECONDS, plan, obstacles))
         plans.append(plan)
         if plan.halt or plan.retreat:
             break
         reached = float(along)
-    return SeamSweep(start, seam.length, reached, plan.halt or plan.retreat, tuple(plans))
+    return SeamFeasibility(start, seam.length, reached, plan.halt or plan.retreat, tuple(plans))
 
 
-def _refuse_beyond_reach(seam: Seam, length: float, root: tuple[float, float]) -> None:
-    along = np.unique(np.concatenate((seam.path.corners, np.arange(0, seam.length, SWEEP_STEP))))
+def _refuse_seam_beyond_cable(seam: Seam, length: float, root: tuple[float, float]) -> None:
+    along = np.unique(np.concatenate((seam.path.corners, np.arange(0, seam.length, SEAM_STEP))))
     places = np.array([seam.path.point_at(s) for s in along])
     off = np.hypot(*(places - root).T)
     worst = int(np.argmax(off))

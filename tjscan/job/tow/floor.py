@@ -32,17 +32,17 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         if not inside.contains(shapely.Polygon(hole)):
             yield (
                 "area.holes_mm",
-                f"the pillar at {_point_in_mm(hole[0])} mm does not lie within the outline",
+                f"the pillar at {_point_in_mm(hole[0])} mm is not within the outline",
             )
     solids = _fixed_solids(job)
     root = shapely.Point(job.root.position)
     at_root = f"{_point_in_mm(job.root.position)} mm"
     if not inside.contains(root):
         off = 1e3 * inside.distance(root)
-        yield "root.position_mm", f"{at_root} lies {off:.0f} mm outside the area"
+        yield "root.position_mm", f"{at_root} is {off:.0f} mm outside the area"
     for solid in solids:
         if solid.shape.buffer(-EDGE_TOLERANCE).contains(root):
-            yield solid.key, f"{solid.name} stands on the root, at {at_root}"
+            yield solid.key, f"{solid.name} is on the root, at {at_root}"
     seam = Seam(job.seam)
     line: Any = (
         shapely.LineString(job.seam.points) if seam.length else shapely.Point(job.seam.points[0])
@@ -51,7 +51,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         along, off = _farthest_outside(seam, inside)
         yield (
             "seam.points_mm",
-            f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it lies "
+            f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it is "
             f"{1e3 * off:.0f} mm outside",
         )
     blocked = line.difference(_free_floor(job, solids).buffer(EDGE_TOLERANCE))
@@ -61,7 +61,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         solid = min(solids, key=lambda one: float(one.shape.distance(first)))
         yield (
             solid.key,
-            f"{solid.name} stands on the seam, {1e3 * along:.0f} mm from its beginning",
+            f"{solid.name} is on the seam, {1e3 * along:.0f} mm from its beginning",
         )
     yield from _welder_contradictions(job, line)
     yield from _corridor_contradictions(job)
@@ -90,22 +90,16 @@ class _FixedSolid(NamedTuple):
 
 def _fixed_solids(job: TowJob) -> list[_FixedSolid]:
     """Pillars, and obstacles that never move."""
-    pillars = [
-        _FixedSolid(
-            f"the pillar at {_point_in_mm(hole[0])} mm", "area.holes_mm", shapely.Polygon(hole)
-        )
-        for hole in job.area.holes
-    ]
-    obstacles = [
-        _FixedSolid(
-            f"{one.name} at {_point_in_mm(one.points[0])} mm",
-            f"obstacles.{number}",
-            shapely.Point(one.points[0]).buffer(one.radius),
-        )
-        for number, one in enumerate(job.obstacles)
-        if not one.speed
-    ]
-    return pillars + obstacles
+    solids = []
+    for hole in job.area.holes:
+        name = f"the pillar at {_point_in_mm(hole[0])} mm"
+        solids.append(_FixedSolid(name, "area.holes_mm", shapely.Polygon(hole)))
+    for number, one in enumerate(job.obstacles):
+        if not one.speed:
+            name = f"{one.name} at {_point_in_mm(one.points[0])} mm"
+            disc = shapely.Point(one.points[0]).buffer(one.radius)
+            solids.append(_FixedSolid(name, f"obstacles.{number}", disc))
+    return solids
 
 
 def _free_floor(job: TowJob, solids: Sequence[_FixedSolid]) -> Any:
@@ -118,16 +112,16 @@ def _free_floor(job: TowJob, solids: Sequence[_FixedSolid]) -> Any:
 def _corridor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
     """Yield that the floor is too narrow for the vehicles somewhere between root and seam.
 
-    A piece of cable between two vehicles may lie in a gap that no vehicle passes, so places for
+    A piece of cable between two vehicles may be in a gap that no vehicle passes, so places for
     vehicles count as joined if the longest piece reaches from one to the other.
     """
     radius = job.vehicles.radius + job.limits.vehicle_clearance
-    if _is_passable(job, radius):
+    if _can_vehicles_pass(job, radius):
         return
     low, high = 0.0, radius
     while high - low > 1e-4:
         middle = (low + high) / 2
-        low, high = (middle, high) if _is_passable(job, middle) else (low, middle)
+        low, high = (middle, high) if _can_vehicles_pass(job, middle) else (low, middle)
     yield (
         "area.outline_mm",
         f"between root and seam vehicles pass ways {2e3 * high:.0f} mm wide at most, and need "
@@ -135,7 +129,7 @@ def _corridor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
     )
 
 
-def _is_passable(job: TowJob, radius: float) -> bool:
+def _can_vehicles_pass(job: TowJob, radius: float) -> bool:
     """Whether bodies of a radius fit one after the other from the root to all of the seam."""
     places = shapely.get_parts(_free_floor(job, _fixed_solids(job)).buffer(-radius))
     pieces = job.cable.link * np.diff(job.held_links, prepend=-1)

@@ -26,11 +26,11 @@ from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, TOWING_VEHICLE_DRIVERS
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
 GRAVITY_ACCELERATION: Final = 9.81  # m/s²
-PLAN_RESERVE: Final = 5e-3
+PLAN_CLEARANCE_RESERVE: Final = 5e-3
 """Metres that plans add to the clearances of the job: vehicles and cable follow a plan to within
 some millimetres."""
 
-BEND_RESERVE: Final = 1.02
+BEND_RADIUS_RESERVE: Final = 1.02
 """Factor by which plans enlarge the least bend radius of the job."""
 
 MOST_VEHICLES: Final = 50
@@ -49,7 +49,7 @@ class VehiclesSettings(DeviceSettings):
         With the welder.
     links : tuple of int or None
         Link of the cable that each holds, counted from 0 at the root; the welder holds the last.
-        Equally spaced where left out.
+        Equally spaced if left out.
     behind_welder : float or None
         Length of the piece of cable behind the welder, a whole number of links, metres, where that
         is not as long as the others.
@@ -80,13 +80,7 @@ class TowLocalisationSettings(tables.LocalisationSettings, DeviceSettings):
 
 WorldFault = Literal["jam", "push", "passer-by-stands"]
 PoseFaultName = Literal[
-    "pose-noise",
-    "pose-lost",
-    "pose-late",
-    "pose-disorder",
-    "pose-frozen",
-    "pose-jump",
-    "pose-swap",
+    "pose-noise", "pose-lost", "pose-late", "pose-disorder", "pose-frozen", "pose-jump", "pose-swap"
 ]
 
 
@@ -126,7 +120,7 @@ class TowSimulationSettings(SettingsTable):
     seed : int
         Of all random numbers.
     settle : float
-        Seconds for which cable and vehicles stand still before the clock starts.
+        Seconds for which cable and vehicles rest before the clock starts.
     towing_vehicle : TowingVehicleSettings
         What every vehicle truly is.
     localisation : LocalisationSimulationSettings
@@ -195,7 +189,7 @@ class TowJob(StrictFileModel):
     def planned_chain(self) -> Cable:
         """The cable as it is planned: bent less than allowed, since it follows a plan roughly."""
         chain = self.chain
-        return replace(chain, least_bend_radius=BEND_RESERVE * chain.least_bend_radius)
+        return replace(chain, least_bend_radius=BEND_RADIUS_RESERVE * chain.least_bend_radius)
 
     @property
     def hard_limits(self) -> tables.LimitSettings:
@@ -203,9 +197,9 @@ class TowJob(StrictFileModel):
         limits = self.limits
         return replace(
             limits,
-            link_clearance=limits.link_clearance + PLAN_RESERVE,
-            vehicle_clearance=limits.vehicle_clearance + PLAN_RESERVE,
-            vehicle_gap=limits.vehicle_gap + PLAN_RESERVE,
+            link_clearance=limits.link_clearance + PLAN_CLEARANCE_RESERVE,
+            vehicle_clearance=limits.vehicle_clearance + PLAN_CLEARANCE_RESERVE,
+            vehicle_gap=limits.vehicle_gap + PLAN_CLEARANCE_RESERVE,
         )
 
     @property

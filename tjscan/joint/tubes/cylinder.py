@@ -6,15 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core import frames
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import (
-    Array,
-    array_dataclass,
-    readonly_copy,
-    transform_points,
-    unit_vector,
-    unit_vectors,
-)
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.core.robust import mad_sigma, tukey_root_weights
 
 
@@ -37,8 +31,8 @@ class Cylinder:
     radius: float
 
     def __post_init__(self) -> None:
-        axis = unit_vector(np.asarray(self.axis, dtype=float))
-        object.__setattr__(self, "axis", readonly_copy(axis))
+        axis = frames.unit_vector(np.asarray(self.axis, dtype=float))
+        object.__setattr__(self, "axis", frames.readonly_copy(axis))
 
     def signed_distances(self, points: Array) -> Array:
         """Distances of points, shape (..., 3), outside the cylinder, in metres."""
@@ -46,11 +40,11 @@ class Cylinder:
 
     def normals(self, points: Array) -> Array:
         """Outward unit normals, shape (..., 3), at or beside points off the axis."""
-        return unit_vectors(self._radial_vectors(points))
+        return frames.unit_vectors(self._radial_vectors(points))
 
     def transformed(self, T: Array) -> Cylinder:
         """The same cylinder in the outer frame of `T`, shape (4, 4)."""
-        return Cylinder(transform_points(T, self.point), T[:3, :3] @ self.axis, self.radius)
+        return Cylinder(frames.transform_points(T, self.point), T[:3, :3] @ self.axis, self.radius)
 
     def recentred_beside(self, points: Array) -> Cylinder:
         """The same cylinder with its `point` beside the middle of points, shape (n, 3)."""
@@ -83,7 +77,7 @@ class Cylinder:
 
 def perpendicular_pair(axis: Array) -> Array:
     """Two unit vectors, rows of shape (2, 3), square to each other and to a unit vector."""
-    first = unit_vector(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
+    first = frames.unit_vector(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
     return np.array((first, np.cross(axis, first)))
 
 
@@ -96,7 +90,7 @@ LEAST_POINT_SIGMA: Final = 10e-6
 INLIER_REACH_SIGMAS: Final = 6.0
 """Standard deviations within which the spread is estimated again."""
 
-MOST_REFINEMENTS: Final = 100
+MOST_CYLINDER_REFINEMENTS: Final = 100
 CONVERGED_CYLINDER_STEP: Final = 1e-8
 """Metres and radians that no number moves by any more in the end."""
 
@@ -129,7 +123,7 @@ def cylinder_from_normals(points: Array, normals: Array) -> Cylinder:
     _, spread, directions = np.linalg.svd(normals, full_matrices=False)
     if spread[1] < LEAST_NORMAL_SPREAD * spread[0]:
         raise TubesNotFound(
-            "the wall was seen over too little of its circumference to show where its axis lies: "
+            "the wall was seen over too little of its circumference to show where its axis is: "
             "scan farther round"
         )
     axis = directions[2]
@@ -199,7 +193,7 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
         Of the wall and of anything else, metres.
     """
     reach = FIRST_REACH_FROM_CYLINDER
-    for _ in range(MOST_REFINEMENTS):
+    for _ in range(MOST_CYLINDER_REFINEMENTS):
         off = tube.signed_distances(points)
         near = np.abs(off) < reach
         if near.sum() <= 5:

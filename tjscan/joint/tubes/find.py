@@ -23,13 +23,13 @@ VOXELS_ALONG_DIAGONAL: Final = 70
 
 NORMAL_NEIGHBOURS: Final = 24
 CYLINDER_TRIALS: Final = 4000
-REFINED_TRIALS: Final = 24
+REFINED_CYLINDER_TRIALS: Final = 24
 """How many of the best trials are refined."""
 
-MOST_POLISH_POINTS: Final = 30_000
+MOST_REFINED_TUBE_POINTS: Final = 30_000
 """Points that the tubes are settled on in the end; more would not make ten numbers surer."""
 
-TRIAL_REACH: Final = 0.02
+TUBE_TRIAL_REACH: Final = 0.02
 """Share of the radius within which points count for a trial."""
 
 ON_TUBE_DISTANCE: Final = 1.5e-3
@@ -87,13 +87,13 @@ def find_tubes_in_cloud(points: Array, *, seed: int = 0) -> FittedTubes:
     on, off = apart < ON_TUBE_DISTANCE, apart > 3 * ON_TUBE_DISTANCE
     first, _ = fit_cylinder(first, thin[on[0] & off[1]], TUBE_LOSS_SCALE)
     second, _ = fit_cylinder(second, thin[on[1] & off[0]], TUBE_LOSS_SCALE)
-    chosen = points[:: max(1, len(points) // MOST_POLISH_POINTS)]
+    chosen = points[:: max(1, len(points) // MOST_REFINED_TUBE_POINTS)]
     first, second = refine_cylinder(first, chosen), refine_cylinder(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
     if leg.radius - brace.radius < ON_TUBE_DISTANCE:
         message = f"both tubes are {2e3 * leg.radius:.1f} mm wide: which one is the leg stays open"
         raise TubesNotFound(message)
-    return _add_covariance(brace, leg, thin)
+    return _tubes_with_covariance(brace, leg, thin)
 
 
 def _best_cylinder(
@@ -113,11 +113,11 @@ def _best_cylinder(
     q = sample[None] - centres[:, None]
     along = np.einsum("tpk,tk->tp", q, axes)
     off = np.sqrt(np.maximum(np.einsum("tpk,tpk->tp", q, q) - along**2, 0)) - radii[:, None]
-    votes = np.maximum(1 - (off / (TRIAL_REACH * radii[:, None])) ** 2, 0).sum(axis=1)
+    votes = np.maximum(1 - (off / (TUBE_TRIAL_REACH * radii[:, None])) ** 2, 0).sum(axis=1)
     best, most = None, 0
-    for trial in np.argsort(-votes, kind="stable")[:REFINED_TRIALS]:
+    for trial in np.argsort(-votes, kind="stable")[:REFINED_CYLINDER_TRIALS]:
         rough = Cylinder(centres[trial], axes[trial], float(radii[trial]))
-        near = points[np.abs(rough.signed_distances(points)) < 2 * TRIAL_REACH * rough.radius]
+        near = points[np.abs(rough.signed_distances(points)) < 2 * TUBE_TRIAL_REACH * rough.radius]
         refined, held = fit_cylinder(rough, near, TUBE_LOSS_SCALE)
         held = held and (other is None or bool(_crosses_tube(refined.axis, other)))
         on_tube = np.abs(refined.signed_distances(points)) < ON_TUBE_DISTANCE
@@ -168,7 +168,7 @@ def _crosses_tube(axes: Array, other: Cylinder) -> Mask:
     return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_AXES_ANGLE))
 
 
-def _add_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> FittedTubes:
+def _tubes_with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> FittedTubes:
     """Both tubes with the covariance that independent points give."""
     covariance, total, count = np.zeros((10, 10)), 0.0, 0
     for tube, at in ((brace, slice(0, 5)), (leg, slice(5, 10))):

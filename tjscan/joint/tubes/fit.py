@@ -28,7 +28,7 @@ from tjscan.joint.tubes.cylinder import Cylinder
 class ArmRepeatability:
     """Errors of the flange's pose that an arm reports; all points of a view share them.
 
-    The defaults are the assumption that the simulated arm is made of (`tjscan.robot.simulated`).
+    The defaults are the assumption that the simulated arm is made of.
 
     Parameters
     ----------
@@ -80,12 +80,12 @@ class WallPoints:
 
 
 MOST_FIT_ROUNDS: Final = 60
-CONVERGED_FIT_STEP: Final = 1e-9
+CONVERGED_TUBE_FIT_STEP: Final = 1e-9
 """Metres and radians that no parameter moves by any more when a fit ends."""
 
 LEAST_POINT_WEIGHT: Final = 1e-6
 
-FEWEST_FIT_VIEWS: Final = 3
+FEWEST_TUBE_FIT_VIEWS: Final = 3
 
 TUBE_DERIVATIVE_STEP: Final = 1e-6
 """Metres and radians between tubes whose difference is a derivative: deep in the linear range."""
@@ -158,7 +158,7 @@ def fit_tubes_to_walls(
     TubesNotFound
         If the points don't hold both cylinders.
     """
-    if len(views := walls.indices_by_view()) < FEWEST_FIT_VIEWS:
+    if len(views := walls.indices_by_view()) < FEWEST_TUBE_FIT_VIEWS:
         raise TubesNotFound(f"{len(views)} views of the walls are too few for two cylinders")
     common = repeatability.covariance
     brace = brace.recentred_beside(walls.points[walls.on_brace])
@@ -179,7 +179,7 @@ def fit_tubes_to_walls(
             message = "the walls that were seen leave leg or brace free to move: scan farther round"
             raise TubesNotFound(message)
         brace, leg = brace.boxplus(step[:5]), leg.boxplus(step[5:])
-        if count > 1 and np.abs(step).max() < CONVERGED_FIT_STEP:
+        if count > 1 and np.abs(step).max() < CONVERGED_TUBE_FIT_STEP:
             break
     counted = weights > 0.1
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 
@@ -87,6 +89,22 @@ MID_RANGE_NOTE: Final = (
     f"heights count from mid-range, which is taken to be {1e3 * ASSUMED_MID_RANGE:g} mm "
     "from the sensor; --z-offset states it"
 )
+
+
+@contextmanager
+def explain_unreadable_table(file: Path) -> Iterator[None]:
+    """Turn errors of reading a table of numbers into a `ConfigurationError` that names its file."""
+    try:
+        yield
+    except FileNotFoundError:
+        near = nearest_word(file.name, [f.name for f in file.parent.glob("*")][:1000])
+        raise ConfigurationError(f"there is no such file; near it: {near}", file=file) from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except ValueError as error:
+        raise ConfigurationError(str(error), file=file) from None
 
 
 def heights_from_sensor(

@@ -12,23 +12,12 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
 from tjscan.core.mesh_files import read_mesh_file
-from tjscan.laser.files.format import (
-    ASSUMED_MID_RANGE,
-    METRES_PER_UNIT,
-    MID_RANGE_NOTE,
-    FileProfiles,
-    ProfileFormat,
-    check_height_scale,
-    check_unit,
-    heights_from_sensor,
-    metres_per_number,
-    profile_of_columns,
-    without_invalid_codes,
-)
+from tjscan.laser.files import format as file_format
+from tjscan.laser.files.format import FileProfiles, ProfileFormat
 from tjscan.laser.profile import Profile
 
 COMMENT_MARK: Final = "#"
@@ -142,8 +131,8 @@ def is_gocator_export(table: TextTable) -> bool:
     return any(_section_title(row) in GOCATOR_SECTIONS for _, row in table.rows)
 
 
-def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Array]], list[str]]:
-    """X and height of each profile in metres by name, and what could not be read.
+def _gocator_coordinates(table: TextTable, bad: list[str]) -> dict[str, dict[str, Array]]:
+    """X and Z of each profile in metres, by its name and the axis; what can't be read goes to bad.
 
     One section named ``Profile`` (even spacing) has a table whose header ends in the X positions,
     with a row of ranges per frame; one named ``RawProfile`` has two rows per frame, its X and its Z
@@ -154,9 +143,9 @@ def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Arra
     ----------
     table : TextTable
         All sections of a file.
+    bad : list of str
+        Receives what could not be read.
     """
-    found: dict[str, tuple[Array, Array]] = {}
-    bad: list[str] = []
     raw, names = None, None
     ranges: dict[str, dict[str, Array]] = {}
     header: list[float | None] = []
@@ -185,12 +174,7 @@ def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Arra
             if not raw:
                 x = [math.nan if value is None else value for value in header]
                 ranges[frame]["x"] = METRES_PER_MM * np.array(x)
-    for frame, axes in ranges.items():
-        if axes.keys() >= {"x", "z"}:
-            found[frame] = (axes["x"], axes["z"])
-        else:
-            bad.append(f"{frame}: has no X values")
-    return found, bad
+    return ranges
 
 
 def _section_title(row: list[str]) -> str:
@@ -222,12 +206,12 @@ def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
     elif values.ndim == 2 and values.shape[1] != 2:
         add_matrix_profiles(file, table, names, values, form)
     elif values.ndim in (2, 3) and values.shape[-1] == 2:
-        scale = metres_per_number(file, form.unit, "an array")
+        scale = file_format.metres_per_number(file, form.unit, "an array")
         several = values if values.ndim == 3 else values[None]
-        z = heights_from_sensor(several[..., 1], scale, form, table)
-        x = scale * without_invalid_codes(several[..., 0], form.invalid)
+        z = file_format.heights_from_sensor(several[..., 1], scale, form, table)
+        x = scale * file_format.without_invalid_codes(several[..., 0], form.invalid)
         for i, name in enumerate(names if values.ndim == 3 else [file.name]):
-            table.profiles[name] = profile_of_columns(x[i], z[i])
+            table.profiles[name] = file_format.profile_of_columns(x[i], z[i])
     else:
         raise ConfigurationError(f"an array of shape {values.shape} is no profile", file=file)
     return table
@@ -241,7 +225,7 @@ def read_ply_profile(file: Path, form: ProfileFormat) -> FileProfiles:
     ConfigurationError
         If it is no PLY with points, or they are off that plane.
     """
-    scale = metres_per_number(file, form.unit, "a PLY")
+    scale = file_format.metres_per_number(file, form.unit, "a PLY")
     try:
         points, _ = read_mesh_file(file)
     except ConfigurationError:
@@ -249,11 +233,11 @@ def read_ply_profile(file: Path, form: ProfileFormat) -> FileProfiles:
     except Exception as error:  # trimesh raises whatever its parser stumbles on
         raise ConfigurationError(f"is no PLY with points: {error}", file=file) from None
     if len(points) and not np.nanmax(np.abs(scale * points[:, 1])) <= OFF_PLANE_TOLERANCE:
-        message = "its points lie off the plane y = 0, so it is no profile in a sensor's frame"
+        message = "its points are off the plane y = 0, so it is no profile in a sensor's frame"
         raise ConfigurationError(message, file=file)
     table = FileProfiles()
-    z_s = heights_from_sensor(points[:, 2], scale, form, table)
-    table.profiles[file.name] = profile_of_columns(scale * points[:, 0], z_s)
+    z_s = file_format.heights_from_sensor(points[:, 2], scale, form, table)
+    table.profiles[file.name] = file_format.profile_of_columns(scale * points[:, 0], z_s)
     return table
 
 
@@ -261,11 +245,11 @@ def add_matrix_profiles(
     file: Path, table: FileProfiles, names: Sequence[str], heights: Array, form: ProfileFormat
 ) -> None:
     """Add profiles of heights, shape (m, n), at columns a pitch apart, x = 0 in the middle."""
-    scale = metres_per_number(file, form.unit, "a matrix of profiles")
+    scale = file_format.metres_per_number(file, form.unit, "a matrix of profiles")
     x = scale * x_of_columns(file, heights.shape[1], form, "a matrix of profiles")
-    z = heights_from_sensor(heights, scale, form, table)
+    z = file_format.heights_from_sensor(heights, scale, form, table)
     for name, row in zip(names, z, strict=True):
-        table.profiles[name] = profile_of_columns(x, row)
+        table.profiles[name] = file_format.profile_of_columns(x, row)
 
 
 def x_of_columns(file: Path, count: int, form: ProfileFormat, what: str) -> Array:
@@ -312,17 +296,18 @@ def profiles_of_text(file: Path, text: TextTable, form: ProfileFormat) -> FilePr
 
 def _read_gocator(text: TextTable, form: ProfileFormat) -> FileProfiles:
     """Z grows towards the sensor, from mid-range, in millimetres, unless the options differ."""
-    found, bad = read_gocator_profiles(text)
-    offset, notes = ASSUMED_MID_RANGE, [MID_RANGE_NOTE]
+    offset, table = file_format.ASSUMED_MID_RANGE, FileProfiles(notes=[file_format.MID_RANGE_NOTE])
     if form.z_offset is not None:
-        offset, notes = form.z_offset * METRES_PER_UNIT[form.unit or "mm"], []
-    profiles = {
-        name: profile_of_columns(
-            x, offset + -form.z_scale * without_invalid_codes(height, form.invalid)
-        )
-        for name, (x, height) in found.items()
-    }
-    return FileProfiles(profiles, bad, notes)
+        offset = form.z_offset * file_format.METRES_PER_UNIT[form.unit or "mm"]
+        table.notes.clear()
+    for frame, axes in _gocator_coordinates(text, table.bad).items():
+        if axes.keys() >= {"x", "z"}:
+            height = file_format.without_invalid_codes(axes["z"], form.invalid)
+            z_s = offset + -form.z_scale * height
+            table.profiles[frame] = file_format.profile_of_columns(axes["x"], z_s)
+        else:
+            table.bad.append(f"{frame}: has no X values")
+    return table
 
 
 def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
@@ -356,7 +341,9 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
     pitched = form.pitch is not None and not any(_match_axis(name, "x") for name in names)
     x_at, x_unit = (z_at, z_unit) if pitched else _find_column(file, names, "x")
     x_scale, z_scale = (
-        metres_per_number(file, unit or form.unit, "a column without a unit in its name")
+        file_format.metres_per_number(
+            file, unit or form.unit, "a column without a unit in its name"
+        )
         for unit in (x_unit, z_unit)
     )
     group_at = next((names.index(name) for name in PROFILE_COLUMNS if name in names), None)
@@ -375,15 +362,15 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
     if not points:
         return table
     together = np.concatenate([np.array(values) for values in points.values()])
-    together[:, 0] = without_invalid_codes(together[:, 0], form.invalid)
-    z_s = heights_from_sensor(together[:, 1], z_scale, form, table)
+    together[:, 0] = file_format.without_invalid_codes(together[:, 0], form.invalid)
+    z_s = file_format.heights_from_sensor(together[:, 1], z_scale, form, table)
     ends = np.cumsum([len(values) for values in points.values()])
     for name, end, values in zip(points, ends, points.values(), strict=True):
         part = slice(end - len(values), end)
         x_s = together[part, 0]
         if pitched:
             x_s = x_of_columns(file, len(values), form, "a table without a column x")
-        table.profiles[name] = profile_of_columns(x_scale * x_s, z_s[part])
+        table.profiles[name] = file_format.profile_of_columns(x_scale * x_s, z_s[part])
     return table
 
 
@@ -398,7 +385,7 @@ def _find_column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str 
 
 
 def _match_axis(name: str, axis: str) -> re.Match[str] | None:
-    units = "|".join(METRES_PER_UNIT)
+    units = "|".join(file_format.METRES_PER_UNIT)
     return re.fullmatch(rf"{axis}(?:_s)?(?:[_ ]*[\[(]?({units})[\])]?)?", name)
 
 
@@ -428,8 +415,8 @@ def read_profiles(file: Path, form: ProfileFormat) -> FileProfiles:
         If the file is missing, too large, not text, or lacks a unit, a pitch or a column; or if
         its numbers can only be of another unit.
     """
-    if form.unit is not None and form.unit not in METRES_PER_UNIT:
-        known = ", ".join(METRES_PER_UNIT)
+    if form.unit is not None and form.unit not in file_format.METRES_PER_UNIT:
+        known = ", ".join(file_format.METRES_PER_UNIT)
         raise ConfigurationError(f"unknown unit {form.unit!r}; one of {known}", key="units")
     for key, value in (("--z-scale", form.z_scale), ("--z-offset", form.z_offset or 0.0)):
         if not math.isfinite(value) or (key == "--z-scale" and value == 0):
@@ -437,8 +424,8 @@ def read_profiles(file: Path, form: ProfileFormat) -> FileProfiles:
     if file.is_dir():
         return _read_folder(file, form)
     table = _read_file(file, form)
-    check_unit(file, table.profiles.values())
-    check_height_scale(file, table.profiles.values())
+    file_format.check_unit(file, table.profiles.values())
+    file_format.check_height_scale(file, table.profiles.values())
     return table
 
 
@@ -472,7 +459,7 @@ def _read_folder(folder: Path, form: ProfileFormat) -> FileProfiles:
 
 
 def _read_file(file: Path, form: ProfileFormat) -> FileProfiles:
-    try:
+    with file_format.explain_unreadable_table(file):
         check_file_size(file, MOST_PROFILE_FILE_BYTES, "profiles")
         suffix = file.suffix.lower()
         if suffix == ".mcap":
@@ -486,10 +473,3 @@ def _read_file(file: Path, form: ProfileFormat) -> FileProfiles:
         if suffix == ".npy":
             return read_npy(file, form)
         return profiles_of_text(file, read_text_table(file), form)
-    except FileNotFoundError:
-        near = nearest_word(file.name, [f.name for f in file.parent.glob("*")][:1000])
-        raise ConfigurationError(f"there is no such file; near it: {near}", file=file) from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
-    except OSError as error:
-        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None

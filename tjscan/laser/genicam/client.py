@@ -23,13 +23,7 @@ from tjscan.core import errors
 from tjscan.core.devices import DeviceIdentity
 from tjscan.core.process import ClientRequest
 from tjscan.core.signals import ignore_ctrl_c
-from tjscan.laser.genicam.messages import (
-    ConnectedLaser,
-    HostInterval,
-    ReceivedBlock,
-    StatedAxis,
-    host_time_of_exposure,
-)
+from tjscan.laser.genicam import messages
 from tjscan.laser.genicam.settings import FeatureValue, GenicamSettings, ScanControlSettings
 
 DISCOVERY_TIMEOUT_MS: Final = (100, 300, 900)
@@ -47,13 +41,14 @@ LASER_CLOCK_READINGS: Final = 10
 TRIGGER_SELECTORS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
 """What a trigger may start, the first that there is."""
 
-PREFERRED_FORMATS: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
+PREFERRED_PIXEL_FORMATS: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
 
-# GigE Vision's bootstrap registers, which every device has at the same place.
-VENDOR, MODEL, VERSION, SERIAL = (0x48, 32), (0x68, 32), (0x88, 32), (0xD8, 16)
+# GigE Vision's bootstrap registers, which every device has at the same place; of a text also
+# its bytes.
+VENDOR_TEXT, MODEL_TEXT, VERSION_TEXT, SERIAL_TEXT = (0x48, 32), (0x68, 32), (0x88, 32), (0xD8, 16)
 TICKS_PER_SECOND, TIME_CONTROL, LATCHED_TIME = 0x93C, 0x944, 0x948
-PRIVILEGE, PACKET_SIZE = 0xA00, 0xD04
-LATCH_COMMAND: Final = (2).to_bytes(4, "big")
+PRIVILEGE_REGISTER, PACKET_SIZE = 0xA00, 0xD04
+CLOCK_LATCH_COMMAND: Final = (2).to_bytes(4, "big")
 
 GenicamError: Any = viva_genicam.GenicamError
 
@@ -70,7 +65,7 @@ class GenicamClient:
         self._latches = False
         self._exposure: float | None = None
 
-    def connect(self, settings: GenicamSettings | ScanControlSettings) -> ConnectedLaser:
+    def connect(self, settings: GenicamSettings | ScanControlSettings) -> messages.ConnectedLaser:
         """Connect, set everything up, and begin to stream."""
         address = self._open_laser(settings.address, settings.serial)
         for name, value in settings.features.items():
@@ -84,7 +79,7 @@ class GenicamClient:
             self._waits_for_trigger = settings.trigger == "software"
             if settings.exposure is not None:
                 self._camera.set_exposure_time(1e6 * settings.exposure)
-            chosen = self._choose_format(settings.pixel_format)
+            chosen = self._choose_pixel_format(settings.pixel_format)
             self._set_feature("Height", settings.rows)
         if self._waits_for_trigger:
             self._camera.enable_trigger(self._choose_trigger(), "Software")
@@ -96,7 +91,7 @@ class GenicamClient:
         self._latches = self._ticks_per_second > 0 and self._can_read_clock()
         if settings.packet_size is not None:
             self._camera.write_register(PACKET_SIZE, settings.packet_size.to_bytes(4))
-        laser = ConnectedLaser(
+        laser = messages.ConnectedLaser(
             identity=self.identity(),
             address=address,
             pixel_format=chosen,
@@ -116,11 +111,11 @@ class GenicamClient:
 
     def identity(self) -> DeviceIdentity:
         """Read who the laser is."""
-        places = (VENDOR, MODEL, VERSION, SERIAL)
+        places = (VENDOR_TEXT, MODEL_TEXT, VERSION_TEXT, SERIAL_TEXT)
         vendor, model, version, serial = (_read_text(self._camera, place) for place in places)
         return DeviceIdentity(f"{vendor} {model}".strip(), serial, version)
 
-    def capture(self, attempts: int, timeout: float) -> ReceivedBlock:
+    def capture(self, attempts: int, timeout: float) -> messages.ReceivedBlock:
         """Take a block that was exposed after this call; trigger again while none comes."""
         latched, latched_at = self._latch_clock()
         stale, began = 0, time.monotonic()
@@ -139,10 +134,10 @@ class GenicamClient:
                 if self._latches and exposed < latched + self._ticks_until_fresh_exposure:
                     stale += 1
                     continue
-                when, later = HostInterval(began, came), exposed - latched
+                when, later = messages.HostInterval(began, came), exposed - latched
                 if self._latches:
-                    when = host_time_of_exposure(later, self._ticks_per_second, latched_at)
-                return ReceivedBlock(
+                    when = messages.host_time_of_exposure(later, self._ticks_per_second, latched_at)
+                return messages.ReceivedBlock(
                     data=frame.payload(),
                     pixel_format=frame.pixel_format,
                     columns=frame.width,
@@ -179,7 +174,7 @@ class GenicamClient:
         words = str(error)
         if "ACCESS_DENIED" in words or "control of the camera was lost" in words:
             with suppress(GenicamError):
-                if any(self._camera.read_register(PRIVILEGE)):
+                if any(self._camera.read_register(PRIVILEGE_REGISTER)):
                     return errors.LaserInUse(
                         "another program has taken control of the laser. Close it there, then "
                         "start again."
@@ -242,9 +237,9 @@ class GenicamClient:
                     raise errors.LaserInUse(message) from error
             time.sleep(0.1)
 
-    def _choose_format(self, wanted: str | None) -> str:
+    def _choose_pixel_format(self, wanted: str | None) -> str:
         there = self._camera.available_enum_entries("PixelFormat")
-        candidates = PREFERRED_FORMATS if wanted is None else (wanted,)
+        candidates = PREFERRED_PIXEL_FORMATS if wanted is None else (wanted,)
         chosen = next((name for name in candidates if name in there), None)
         if chosen is None:
             raise errors.ProfileFormatRefused(
@@ -277,32 +272,32 @@ class GenicamClient:
             return read(name)
         return None
 
-    def _read_axis_scale(self, coordinate: str) -> StatedAxis:
+    def _read_axis_scale(self, coordinate: str) -> messages.StatedAxis:
         if "Scan3dCoordinateSelector" not in self._feature_names:
-            return StatedAxis()
+            return messages.StatedAxis()
         with suppress(GenicamError):
             self._camera.set_enum("Scan3dCoordinateSelector", coordinate)
             number = self._camera.get_float
             marks = self._read_feature("Scan3dInvalidDataFlag", self._camera.get_bool)
-            return StatedAxis(
+            return messages.StatedAxis(
                 scale=self._read_feature("Scan3dCoordinateScale", number),
                 offset=self._read_feature("Scan3dCoordinateOffset", number),
                 low=self._read_feature("Scan3dAxisMin", number),
                 high=self._read_feature("Scan3dAxisMax", number),
                 invalid=self._read_feature("Scan3dInvalidDataValue", number) if marks else None,
             )
-        return StatedAxis()
+        return messages.StatedAxis()
 
     def _can_read_clock(self) -> bool:
         """Whether the laser's clock can be read: two readings differ."""
         readings = set()
         for _ in range(LASER_CLOCK_READINGS):
             with suppress(GenicamError):
-                self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
+                self._camera.write_register(TIME_CONTROL, CLOCK_LATCH_COMMAND)
                 readings.add(self._camera.read_register(LATCHED_TIME, 8))
         return len(readings) > 1
 
-    def _latch_clock(self) -> tuple[int, HostInterval]:
+    def _latch_clock(self) -> tuple[int, messages.HostInterval]:
         """Read the laser's clock now, and when that was; without a clock, restart the stream.
 
         What an acquisition that has just begun brings was exposed after that.
@@ -313,19 +308,19 @@ class GenicamClient:
                 while self._stream.next_frame(1) is not None:
                     pass
             self._camera.acquisition_start()
-            return 0, HostInterval(0.0, 0.0)
+            return 0, messages.HostInterval(0.0, 0.0)
         before = time.monotonic()
-        self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
+        self._camera.write_register(TIME_CONTROL, CLOCK_LATCH_COMMAND)
         after = time.monotonic()
         ticks = int.from_bytes(self._camera.read_register(LATCHED_TIME, 8))
-        return ticks, HostInterval(before, after)
+        return ticks, messages.HostInterval(before, after)
 
 
 def _read_serial_number(info: Any) -> str:
     """Serial number of a laser that was discovered, read without taking control of it."""
     try:
         with viva_genicam.connect_gige(info, monitor=True) as camera:
-            return _read_text(camera, SERIAL)
+            return _read_text(camera, SERIAL_TEXT)
     except GenicamError:
         return ""  # it was there a moment ago
 

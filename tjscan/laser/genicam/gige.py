@@ -8,9 +8,10 @@ from collections.abc import Callable
 from math import inf
 from typing import Final, Generic, Self, TypeVar
 
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import DeviceBase, DeviceIdentity
 from tjscan.core.errors import LaserFault, LaserNotResponding, ProfileFormatRefused, WrongLaser
-from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
+from tjscan.core.process import ClientProcess
+from tjscan.laser import scancontrol
 from tjscan.laser.genicam.messages import (
     ConnectedLaser,
     HostInterval,
@@ -22,14 +23,6 @@ from tjscan.laser.genicam.settings import GenicamSettings, GigeSettings, ScanCon
 from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, profile_of_row
-from tjscan.laser.scancontrol import (
-    MAX_RAW,
-    MODEL_SCALES,
-    RAW_COORDINATE_OF_ZERO,
-    ScanControlScale,
-    parse_scancontrol,
-    profile_bytes,
-)
 
 S = TypeVar("S", bound=GigeSettings)
 T = TypeVar("T")
@@ -37,14 +30,14 @@ T = TypeVar("T")
 ANSWER_SLACK: Final = 2.0
 """Seconds beyond its own time-outs that the client's process may take on a busy machine."""
 
-RELEASE_TIMEOUT: Final = 1.0
+LASER_RELEASE_TIMEOUT: Final = 1.0
 """Seconds that giving the laser back may take; after that its heartbeat does it."""
 
 RETRIGGERED_PROFILE_EVENT: Final = "profile taken again"
 """Event of a profile that took more than one trigger."""
 
 
-class GigeLaser(ABC, Generic[S]):
+class GigeLaser(DeviceBase, ABC, Generic[S]):
     """Base of `LineLaser`s behind GigE Vision; subclasses define what their payload means.
 
     Parameters
@@ -58,7 +51,6 @@ class GigeLaser(ABC, Generic[S]):
     def __init__(self, settings: S, time: Callable[[], float]) -> None:
         self.settings, self._time = settings, time
         self._process: ClientProcess | None = None
-        self._listener: EventListener = lambda name, detail: None
         self._known: DeviceIdentity | None = None
         self._laser: ConnectedLaser | None = None
 
@@ -74,8 +66,10 @@ class GigeLaser(ABC, Generic[S]):
         ProfileFormatRefused
             If its numbers can't be turned into millimetres.
         """
-        table = self.settings
-        self._process, limit = ClientProcess("tjscan.laser.genicam.client"), table.connect_limit
+        self._process = ClientProcess(
+            "tjscan.laser.genicam.client", "the laser", LaserNotResponding, LaserNotResponding
+        )
+        table, limit = self.settings, self.settings.connect_limit
         try:
             self._laser = self._ask_client(ConnectedLaser, "connect", table, limit=limit)
             self._check_identity(self._laser.identity)
@@ -89,7 +83,7 @@ class GigeLaser(ABC, Generic[S]):
         """Give the laser back, and end the client's process whatever it is doing."""
         process, self._process = self._process, None
         if process is not None:
-            process.close(patience=RELEASE_TIMEOUT)
+            process.close(patience=LASER_RELEASE_TIMEOUT)
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -109,10 +103,6 @@ class GigeLaser(ABC, Generic[S]):
         if self._laser is None:
             raise LaserFault("the laser has not been connected yet")
         return self._laser
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report profiles that took more than one trigger."""
-        self._listener = listener
 
     def capture(self) -> Profile:
         """Take one profile that is exposed after this call.
@@ -187,18 +177,7 @@ class GigeLaser(ABC, Generic[S]):
         LaserFault
             What the method raised.
         """
-        try:
-            answer = self._client.ask(name, *arguments, limit=limit)
-        except ClientClosed:
-            message = "the connection to the laser has ended. Connect again."
-            raise LaserNotResponding(message) from None
-        except ClientDied as died:
-            raise LaserNotResponding(f"the laser's client has ended.{died} Start again.") from None
-        except ClientSilent:
-            raise LaserNotResponding(
-                f"the laser did not answer within {limit:.2g} s ({name}). See that it is on and "
-                "its network cable sits, then start again."
-            ) from None
+        answer = self._client.ask(name, *arguments, limit=limit)
         if isinstance(answer.failure, LaserFault):
             raise answer.failure
         if not isinstance(answer.value, kind):
@@ -256,7 +235,7 @@ def scales_of_laser(laser: ConnectedLaser, settings: GenicamSettings) -> Scan3dS
         pairs = [_stated_scale_and_offset(axis, laser) for axis in (laser.x, laser.z)]
     axes, flips = [], (settings.flip_x, settings.flip_z)
     for (scale, offset), axis, flip in zip(pairs, (laser.x, laser.z), flips, strict=True):
-        limits = _raw_limits(axis) if settings.axis_limits else (-inf, inf)
+        limits = _raw_number_limits(axis) if settings.axis_limits else (-inf, inf)
         found = AxisScale(scale, offset, *limits)
         axes.append(found.flipped() if flip else found)
     invalid = laser.z.invalid if settings.invalid is None else settings.invalid
@@ -286,7 +265,7 @@ def _stated_scale_and_offset(axis: StatedAxis, laser: ConnectedLaser) -> tuple[f
     return METRES_PER_MM * axis.scale, METRES_PER_MM * axis.offset
 
 
-def _raw_limits(axis: StatedAxis) -> tuple[float, float]:
+def _raw_number_limits(axis: StatedAxis) -> tuple[float, float]:
     """Least and greatest raw number, where they bound anything."""
     if axis.low is None or axis.high is None or not axis.low < axis.high:
         return -inf, inf
@@ -349,25 +328,31 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
     """
 
     @property
-    def scale(self) -> ScanControlScale:
+    def scale(self) -> scancontrol.ScanControlScale:
         """Scale and offset of its model, or those that the job states."""
         table = self.settings
         if table.scale is not None and table.offset is not None:
-            return ScanControlScale(table.scale, table.offset)
-        return MODEL_SCALES[str(table.model)]
+            return scancontrol.ScanControlScale(table.scale, table.offset)
+        return scancontrol.SCANCONTROL_SCALES[str(table.model)]
 
     def _describe_payload(self) -> tuple[int, str, list[float]]:
         table, scale = self.settings, self.scale
-        raw = (MAX_RAW - 1, 0) if table.flip_z else (1, MAX_RAW)  # 0 as sent is no point
+        raw = (
+            (scancontrol.MAX_RAW_VALUE - 1, 0) if table.flip_z else (1, scancontrol.MAX_RAW_VALUE)
+        )  # 0 as sent is no point
         sent = (
             f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a count "
             f"about x 0 and z {1e3 * scale.offset:g} mm, as the job states"
         )
-        limits = [scale.scale * (end - RAW_COORDINATE_OF_ZERO) + scale.offset for end in raw]
-        return profile_bytes(table), sent, limits
+        limits = [
+            scale.scale * (end - scancontrol.RAW_COORDINATE_OF_ZERO) + scale.offset for end in raw
+        ]
+        return scancontrol.scancontrol_profile_size(table), sent, limits
 
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Nothing is asked: the job states how it is set up."""
 
     def _parse_block(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
-        return parse_scancontrol(block.data, self.settings, self.scale, time, uncertainty)
+        return scancontrol.parse_scancontrol(
+            block.data, self.settings, self.scale, time, uncertainty
+        )

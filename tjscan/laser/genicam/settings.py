@@ -9,15 +9,9 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
 
-from tjscan.core.units import (
-    LIST_OR_WORD_IN_FILE,
-    MICROSECONDS,
-    MILLISECONDS,
-    MM,
-    SECONDS,
-    SettingsTable,
-)
-from tjscan.laser.scancontrol import MODEL_SCALES, Field
+from tjscan.core import units
+from tjscan.core.units import SettingsTable
+from tjscan.laser.scancontrol import SCANCONTROL_SCALES, Field
 
 FeatureValue = str | int | float | bool
 Trigger = Literal["software", "fresh"]
@@ -30,7 +24,7 @@ class GigeSettings(SettingsTable):
     Parameters
     ----------
     address, serial : str, optional
-        Which laser: its IP address, its serial number, or both. Where there is a serial number,
+        Which laser: its IP address, its serial number, or both. If there is a serial number,
         no other laser is accepted, and calibrations hold for this one.
     attempts : int
         Triggers until a profile that does not come is given up. A network that loses one packet
@@ -40,7 +34,7 @@ class GigeSettings(SettingsTable):
     connect_limit : float
         Seconds a connection may take.
     packet_size : int, optional
-        Bytes of a packet of the stream; what the laser has set where left out.
+        Bytes of a packet of the stream; what the laser has set if left out.
     features : mapping
         Any further feature by its name, set when it connects.
     """
@@ -48,8 +42,8 @@ class GigeSettings(SettingsTable):
     address: Annotated[str | None, MinLen(1)] = None
     serial: Annotated[str | None, MinLen(1)] = None
     attempts: Annotated[int, Ge(1), Le(20)] = 5
-    timeout: Annotated[float, Ge(10), Le(10_000), MILLISECONDS] = 0.3
-    connect_limit: Annotated[float, Ge(1), Le(120), SECONDS.with_key("connect_s")] = 10.0
+    timeout: Annotated[float, Ge(10), Le(10_000), units.MILLISECONDS] = 0.3
+    connect_limit: Annotated[float, Ge(1), Le(120), units.SECONDS.with_key("connect_s")] = 10.0
     packet_size: Annotated[int | None, Ge(576), Le(9000)] = None
     features: Mapping[str, FeatureValue] = field(default_factory=dict)
 
@@ -71,10 +65,10 @@ class GenicamSettings(GigeSettings):
         ``software``: one profile for each trigger. ``fresh``: it runs free, and what was exposed
         before the call is thrown away.
     pixel_format : str, optional
-        Name of the format; where left out, the first of Coord3D_AC16, Coord3D_AC32f and
+        Name of the format; if left out, the first of Coord3D_AC16, Coord3D_AC32f and
         Coord3D_C16 that the laser has.
     exposure : float, optional
-        Seconds of exposure; what the laser has set where left out.
+        Seconds of exposure; what the laser has set if left out.
     rows : int
         Rows of a block, the first one the profile; for lasers that send no fewer.
     scale, offset : tuple of float, optional
@@ -89,10 +83,10 @@ class GenicamSettings(GigeSettings):
 
     trigger: Trigger = "software"
     pixel_format: Annotated[str | None, MinLen(1)] = None
-    exposure: Annotated[float | None, Gt(0), Le(10_000_000), MICROSECONDS] = None
+    exposure: Annotated[float | None, Gt(0), Le(10_000_000), units.MICROSECONDS] = None
     rows: Annotated[int, Ge(1), Le(10_000)] = 1
-    scale: Annotated[Pair | None, MM] = None
-    offset: Annotated[Pair | None, MM] = None
+    scale: Annotated[Pair | None, units.MM] = None
+    offset: Annotated[Pair | None, units.MM] = None
     invalid: float | None = None
     axis_limits: bool = True
     flip_x: bool = False
@@ -137,27 +131,27 @@ class ScanControlSettings(GigeSettings):
     """
 
     model: Annotated[str | None, MinLen(1)] = None
-    scale: Annotated[float | None, Gt(0), Le(1), MM] = None
-    offset: Annotated[float | None, Ge(0), Le(5000), MM] = None
+    scale: Annotated[float | None, Gt(0), Le(1), units.MM] = None
+    offset: Annotated[float | None, Ge(0), Le(5000), units.MM] = None
     layout: Literal["full", "container"] = "full"
     points: Literal[80, 160, 320, 640] = 640
     reflection: Annotated[int, Ge(1), Le(4)] = 1
-    fields: Annotated[tuple[Field, ...], MinLen(2), LIST_OR_WORD_IN_FILE] = ("z", "x")
+    fields: Annotated[tuple[Field, ...], MinLen(2), units.LIST_OR_WORD_IN_FILE] = ("z", "x")
     time_stamp: bool = True
     little_endian: bool = False
     flip_x: bool = False
     flip_z: bool = False
     registers: Mapping[str, Annotated[int, Ge(0), Le(0xFFFF_FFFF)]] = field(default_factory=dict)
-    margin: Annotated[float, Ge(0), Le(10_000), MILLISECONDS] = 0.04
+    margin: Annotated[float, Ge(0), Le(10_000), units.MILLISECONDS] = 0.04
 
     def __post_init__(self) -> None:
         GigeSettings.__post_init__(self)
         stated = self.scale is not None and self.offset is not None
         if (self.scale is None) != (self.offset is None) or stated == (self.model is not None):
             raise ValueError("needs either model, or scale_mm and offset_mm from its manual")
-        if self.model is not None and self.model not in MODEL_SCALES:
+        if self.model is not None and self.model not in SCANCONTROL_SCALES:
             raise ValueError(
-                f"model is one of {', '.join(MODEL_SCALES)}; of others state scale_mm and offset_mm"
+                f"model is one of {', '.join(SCANCONTROL_SCALES)}; else state scale_mm, offset_mm"
             )
         if not {"z", "x"} <= set(self.fields):
             raise ValueError("fields need z and x")

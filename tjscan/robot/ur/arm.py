@@ -17,16 +17,8 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from tjscan.core import pose_vector
+from tjscan.core import errors, pose_vector
 from tjscan.core.devices import DeviceBase, EventListener
-from tjscan.core.errors import (
-    ArmBusy,
-    ArmFault,
-    ArmNotConnected,
-    ConfigurationError,
-    ProgramStopped,
-    RegistersInUse,
-)
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.kinematics import Kinematics
@@ -38,13 +30,13 @@ from tjscan.robot.ur.messages import ControllerState, connection_fault, fault_fr
 from tjscan.robot.ur.session import ClientLibraryError, ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
 
-SETTING_TIMEOUT: Final = 2.0
+CONTROLLER_SETTING_TIMEOUT: Final = 2.0
 """Seconds within which a program starts or ends, and a value that was set is shown."""
 
 READ_BACK_TOLERANCE: Final = 1e-6
 """Metres, radians or kilograms between a value that was set and the same read back."""
 
-OTHER_ARM_DISTANCE: Final = 0.005
+WRONG_ARM_MODEL_DISTANCE: Final = 0.005
 """Metres between the flange as the controller and as the model has it, beyond calibration.
 
 Less than the clearance's default margins: what is planned on the model holds for the arm.
@@ -86,7 +78,9 @@ def connect_to_controller(
     try:
         _begin_session(session, kinematics)
     except BaseException as error:
-        if session.fault is None and not isinstance(error, (RegistersInUse, ArmNotConnected)):
+        if session.fault is None and not isinstance(
+            error, (errors.RegistersInUse, errors.ArmNotConnected)
+        ):
             session.stop_program(error)  # ours runs, or may
         session.disconnect()
         raise
@@ -109,10 +103,10 @@ def _begin_session(session: ControllerSession, kinematics: Kinematics) -> None:
 
 def _polls_until_limit(latch: MotionLock) -> Iterator[bool]:
     """Let a moment pass between two polls; true once the limit is over."""
-    limit = time.monotonic() + SETTING_TIMEOUT
+    limit = time.monotonic() + CONTROLLER_SETTING_TIMEOUT
     while True:
         yield time.monotonic() > limit
-        latch.wait_for_stop(moving.POLL_PERIOD)
+        latch.wait_for_stop(moving.MOVE_POLL_PERIOD)
 
 
 def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -> None:
@@ -124,7 +118,7 @@ def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -
         if dashboard.ask_value("running").lower() != "true":
             return
         if late:
-            raise ArmBusy(
+            raise errors.ArmBusy(
                 "another program runs on the arm's controller. End it on the pendant, or end "
                 "the program that sent it, then start again."
             )
@@ -133,11 +127,11 @@ def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -
 def _await_control_script(session: ControllerSession) -> None:
     """Let both links show the program that was started."""
     for late in _polls_until_limit(session.latch):
-        now = session.ask_client(ControllerState, "read_state", limit=SETTING_TIMEOUT)
+        now = session.ask_client(ControllerState, "read_state", limit=CONTROLLER_SETTING_TIMEOUT)
         fault = fault_from_state(now)
         if fault is None:
             return
-        if late or not isinstance(fault, ProgramStopped):
+        if late or not isinstance(fault, errors.ProgramStopped):
             raise fault
 
 
@@ -158,13 +152,13 @@ def _set_payload(session: ControllerSession) -> None:
     session.call_client_method(bool, "set_payload", mass, centre)
     for late in _polls_until_limit(session.latch):
         now = session.read_state()
-        if _reports_payload(now, np.array([mass, *centre])):
+        if _payload_is_set(now, np.array([mass, *centre])):
             return
         if late:
             raise _setting_ignored_error("payload", f"{mass:g} kg", now.payload)
 
 
-def _reports_payload(now: ControllerState, wanted: Array) -> bool:
+def _payload_is_set(now: ControllerState, wanted: Array) -> bool:
     """Whether the payload is the one asked for, or is not reported at all."""
     if now.payload is None or now.centre_of_gravity is None:
         return True
@@ -175,8 +169,8 @@ def _reports_payload(now: ControllerState, wanted: Array) -> bool:
 def _check_arm_model(session: ControllerSession, kinematics: Kinematics) -> None:
     state = session.arm_state()
     apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
-    if apart > OTHER_ARM_DISTANCE:
-        raise ConfigurationError(
+    if apart > WRONG_ARM_MODEL_DISTANCE:
+        raise errors.ConfigurationError(
             f"the controller has its flange {1e3 * apart:.0f} mm from where a "
             f"{kinematics.name} with these joint angles has it: name the "
             "right arm, or check the mounting in its installation",
@@ -184,8 +178,8 @@ def _check_arm_model(session: ControllerSession, kinematics: Kinematics) -> None
         )
 
 
-def _setting_ignored_error(what: str, wanted: str, found: object) -> ArmFault:
-    return ArmFault(
+def _setting_ignored_error(what: str, wanted: str, found: object) -> errors.ArmFault:
+    return errors.ArmFault(
         f"the controller was asked to set its {what} to {wanted} and reports {found}. See "
         "that no other program works with it, then start again."
     )
@@ -213,7 +207,6 @@ class UrArm(DeviceBase):
         self._session: ControllerSession | None = None
         self._identity = UrIdentity()
         self._latch = MotionLock()
-        self._listener: EventListener = lambda name, detail: None
 
     def __enter__(self) -> Self:
         """Connect, set TCP and payload, and read them back; nothing moves.
@@ -255,10 +248,6 @@ class UrArm(DeviceBase):
         """Which arm it is; known while connected."""
         self._connected_session  # noqa: B018 - refuses
         return self._identity
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report events to a listener: that the dashboard was connected again."""
-        self._listener = listener
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time, as the controller reports them."""
@@ -316,7 +305,7 @@ class UrArm(DeviceBase):
     @property
     def _connected_session(self) -> ControllerSession:
         if self._session is None:
-            raise ArmFault("the arm is not connected: use it inside a 'with' block")
+            raise errors.ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
 
     def _execute_move(

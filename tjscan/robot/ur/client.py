@@ -23,7 +23,7 @@ from tjscan.robot.ur.messages import NOT_SUPERVISED, WATCHDOG_PERIOD, Controller
 RTDE_HZ: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
 
-STATE_OUTPUTS: Final = [
+RTDE_OUTPUTS: Final = [
     "timestamp",
     "actual_q",
     "actual_qd",
@@ -92,10 +92,10 @@ class RtdeClient:
         from rtde_receive import RTDEReceiveInterface
 
         try:
-            self._receive = RTDEReceiveInterface(host, RTDE_HZ, STATE_OUTPUTS + PAYLOAD_OUTPUTS)
+            self._receive = RTDEReceiveInterface(host, RTDE_HZ, RTDE_OUTPUTS + PAYLOAD_OUTPUTS)
         except (RuntimeError, ValueError):
             self._reports_payload = False
-            self._receive = RTDEReceiveInterface(host, RTDE_HZ, STATE_OUTPUTS)
+            self._receive = RTDEReceiveInterface(host, RTDE_HZ, RTDE_OUTPUTS)
         self._control = RTDEControlInterface(host, RTDE_HZ)
         self._received = LongestSilence(time.monotonic())
 

@@ -18,7 +18,7 @@ DASHBOARD_PORT: Final = 29999
 DASHBOARD_ANSWER_LIMIT: Final = 2.0
 """Seconds to wait for an answer."""
 
-LONGEST_ANSWER_BYTES: Final = 4096
+LONGEST_DASHBOARD_ANSWER: Final = 4096
 """Bytes of a line."""
 
 
@@ -124,7 +124,7 @@ class DashboardClient:
 
     def _read_line(self) -> str:
         try:
-            line = self._lines.readline(LONGEST_ANSWER_BYTES)
+            line = self._lines.readline(LONGEST_DASHBOARD_ANSWER)
         except OSError as error:
             raise self._no_answer_error(str(error)) from None
         if not line:
@@ -146,7 +146,7 @@ class UrIdentity(DeviceIdentity):
     Parameters
     ----------
     model, serial, software : str
-        Model, serial number and version of the controller's software; empty where not reported.
+        Model, serial number and version of the controller's software; empty if not reported.
     payload : float or None
         The active payload in kilograms.
     kinematics : str

@@ -16,15 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core import pose_vector
-from tjscan.core.errors import (
-    ArmFault,
-    ArmNotConnected,
-    ArmNotResponding,
-    PoseNotReached,
-    ProgramStopped,
-    TargetRefused,
-)
+from tjscan.core import errors, pose_vector
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
@@ -32,7 +24,7 @@ from tjscan.robot.path import JointTrajectory
 from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD, ControllerState
 from tjscan.robot.ur.session import ControllerSession
 
-ZERO_LINE_LENGTH: Final = 1e-6
+SHORTEST_LINE_LENGTH: Final = 1e-6
 """Metres: a shorter line is none."""
 
 LARGEST_FLANGE_SWING: Final = 0.005
@@ -66,7 +58,7 @@ def linear_command(
     """
     end, start = (kinematics.forward(path.q[i])[:3, 3] for i in (-1, 0))
     length = float(np.linalg.norm(end - start))
-    if length < ZERO_LINE_LENGTH:
+    if length < SHORTEST_LINE_LENGTH:
         return _turn_on_spot_command(kinematics, session, path, T_b_f)
     return ("move_linear", session.active_tcp_pose(T_b_f), *_speed_and_acceleration(path, length))
 
@@ -85,7 +77,7 @@ def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Arra
     q = np.array(session.call_client_method(list, "inverse", tcp, tuple(goal.tolist())))
     if q.shape != goal.shape or np.abs(q - goal).max() > OTHER_CONFIGURATION_ANGLE:
         session.read_state()  # the true reason, if the arm is not well
-        raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
+        raise errors.TargetRefused("it finds no configuration near the one planned.", T_b_f)
     speed, acceleration = _speed_and_acceleration(path, float(np.abs(goal - path.q[0]).max()))
     limited = min(speed, LARGEST_JOINT_SPEED), min(acceleration, LARGEST_JOINT_ACCELERATION)
     return ("move_joint", tuple(q.tolist()), *limited)
@@ -99,7 +91,7 @@ def _turn_on_spot_command(
     places = np.array([kinematics.forward(q)[:3, 3] for q in straight])
     if np.linalg.norm(places - places[0], axis=1).max() > LARGEST_FLANGE_SWING:
         message = "a turn this wide on the spot would swing the flange aside; turn in parts."
-        raise TargetRefused(message, T_b_f)
+        raise errors.TargetRefused(message, T_b_f)
     return joint_command(session, path, T_b_f)
 
 
@@ -109,16 +101,16 @@ def _speed_and_acceleration(path: JointTrajectory, length: float) -> tuple[float
     return speed, speed / path.ramp
 
 
-POLL_PERIOD: Final = 0.004
+MOVE_POLL_PERIOD: Final = 0.004
 """Seconds between two looks at a move."""
 
 MOVE_START_LIMIT: Final = 2.0
 """Seconds within which a move that was accepted begins."""
 
-STALL_TIMEOUT: Final = 10.0
+MOVE_STALL_TIMEOUT: Final = 10.0
 """Seconds for which a move may not go on: the speed slider may be at zero for a moment."""
 
-SETTLE_TIMEOUT: Final = 1.0
+ARRIVAL_SETTLE_TIMEOUT: Final = 1.0
 """Seconds the arm may take to come to rest where it was sent."""
 
 JOINT_SPEED_AT_REST: Final = 5e-3
@@ -148,7 +140,7 @@ def check_target_is_safe(session: ControllerSession, T_b_f: Array) -> None:
     session.check_commands_are_answered()
     if not session.call_client_method(bool, "pose_is_safe", target):
         session.read_state()
-        raise TargetRefused(
+        raise errors.TargetRefused(
             "that is outside the safety limits set on its pendant. Look at its safety "
             "planes and joint limits, or move the base.",
             T_b_f,
@@ -173,7 +165,7 @@ def execute_move(session: ControllerSession, command: MoveCommand, T_b_f: Array)
         if not begun:
             session.read_state()
             session.check_commands_are_answered()
-            raise TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
+            raise errors.TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
         _follow_move_to_its_end(session, before)
     except BaseException:
         session.stop_move()
@@ -183,28 +175,30 @@ def execute_move(session: ControllerSession, command: MoveCommand, T_b_f: Array)
 def _follow_move_to_its_end(session: ControllerSession, before: ControllerState) -> None:
     began, moved, last = time.monotonic(), time.monotonic(), np.array(before.q)
     while True:
-        stopping = session.latch.wait_for_stop(POLL_PERIOD)
+        stopping = session.latch.wait_for_stop(MOVE_POLL_PERIOD)
         now, moment = session.read_state(supervising_move=True), time.monotonic()
         if stopping:
-            raise ArmFault(
+            raise errors.ArmFault(
                 "the arm was stopped on its way. See that the way is clear, then move again "
                 "from where it is."
             )
         session.ensure_dashboard_connected()
         if now.operation == before.operation:
             if moment > began + MOVE_START_LIMIT:
-                fault = ProgramStopped("the controller accepted a move and does not begin it.")
-                raise session.end_for_fault(fault)
+                fault = errors.ProgramStopped(
+                    "the controller accepted a move and does not begin it."
+                )
+                raise session.end_session_for_fault(fault)
         elif not now.moving:
             return
         q = np.array(now.q)
         if np.abs(q - last).max() > LEAST_MOVING_TURN:
             moved, last = moment, q
-        if moment > moved + STALL_TIMEOUT:
-            raise session.end_for_fault(
-                ArmNotResponding(
-                    f"the arm does not move for {STALL_TIMEOUT:g} s in the middle of a move. See "
-                    "that the speed slider on its pendant is not at zero, then start again."
+        if moment > moved + MOVE_STALL_TIMEOUT:
+            raise session.end_session_for_fault(
+                errors.ArmNotResponding(
+                    f"the arm does not move for {MOVE_STALL_TIMEOUT:g} s in the middle of a move. "
+                    "See that the speed slider on its pendant is not at zero, then start again."
                 )
             )
 
@@ -218,7 +212,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         If it is not where it was sent. The session has ended then: what holds an arm off
         its place, or moves it, would do so again, and what was planned from there is not so.
     """
-    limit, first = time.monotonic() + SETTLE_TIMEOUT, session.read_state().time
+    limit, first = time.monotonic() + ARRIVAL_SETTLE_TIMEOUT, session.read_state().time
     while True:
         now = session.read_state()
         # A look later than the one that saw the end: both links have the end by then.
@@ -228,8 +222,8 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         if rests and near:
             return state
         if newer and time.monotonic() > limit:
-            raise session.end_for_fault(
-                PoseNotReached(
+            raise session.end_session_for_fault(
+                errors.PoseNotReached(
                     f"it is {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from "
                     "there. See that the payload is right and nothing holds the arm, then start "
                     "again.",
@@ -237,13 +231,13 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
                     state.T_b_f,
                 )
             )
-        session.latch.wait_for_stop(POLL_PERIOD)
+        session.latch.wait_for_stop(MOVE_POLL_PERIOD)
 
 
-SECONDARY_PORT: Final = 30002
+SECONDARY_INTERFACE_PORT: Final = 30002
 """Of the secondary interface, which takes programs."""
 
-PROGRAM_LOOK_PERIOD: Final = 0.05
+PROGRAM_POLL_PERIOD: Final = 0.05
 """Seconds between two looks at a program."""
 
 WATCHDOG_STATEMENT: Final = (
@@ -307,15 +301,17 @@ def run_program(
         session.call_client_method(NoneType, "feed_foreign_watchdog")
         started()
         while session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING:
-            if session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD):
-                raise ArmFault("the program was stopped on its way. See that the way is clear.")
+            if session.latch.wait_for_stop(PROGRAM_POLL_PERIOD):
+                raise errors.ArmFault(
+                    "the program was stopped on its way. See that the way is clear."
+                )
             session.ensure_dashboard_connected()
         _check_program_end_pose(session, program.T_b_tcp)
     except BaseException as error:
         session.stop_program(error)
         try:
             _send_script(session, program.leave)
-        except ArmFault as unsent:
+        except errors.ArmFault as unsent:
             error.add_note(f"What is more, its outputs could not be reset: {unsent}")
         raise
 
@@ -323,13 +319,13 @@ def run_program(
 def _send_script(session: ControllerSession, script: str) -> None:
     host = session.settings.host
     try:
-        with socket.create_connection((host, SECONDARY_PORT), MOVE_START_LIMIT) as link:
+        with socket.create_connection((host, SECONDARY_INTERFACE_PORT), MOVE_START_LIMIT) as link:
             link.sendall(f"{script.rstrip()}\n".encode())
             # Some controllers drop what they have not read when the link closes.
-            time.sleep(4 * PROGRAM_LOOK_PERIOD)
+            time.sleep(4 * PROGRAM_POLL_PERIOD)
     except OSError as error:
-        raise ArmNotConnected(
-            f"the controller at {host} takes no programs (port {SECONDARY_PORT}: "
+        raise errors.ArmNotConnected(
+            f"the controller at {host} takes no programs (port {SECONDARY_INTERFACE_PORT}: "
             f"{error.strerror or error}). See that the interface is enabled in its security "
             "settings."
         ) from None
@@ -341,15 +337,15 @@ def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
     while (session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING) != runs:
         if time.monotonic() > limit:
             verb = "begin the program" if runs else "end the program before"
-            raise ProgramStopped(f"the controller does not {verb}. Read its log.")
-        session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD)
+            raise errors.ProgramStopped(f"the controller does not {verb}. Read its log.")
+        session.latch.wait_for_stop(PROGRAM_POLL_PERIOD)
 
 
 def _check_program_end_pose(session: ControllerSession, T_b_tcp: Array) -> None:
     there = pose_vector.pose_from_vector(np.array(session.read_state(beside_program=True).tcp))
     distance, angle, near = session.settings.compare_with_wanted_pose(there, T_b_tcp)
     if not near:
-        raise PoseNotReached(
+        raise errors.PoseNotReached(
             f"the program ended {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} deg from where "
             "it leads: it was stopped on its way, by a person or by the controller, whose log then "
             "states why.",

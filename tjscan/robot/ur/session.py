@@ -10,28 +10,13 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from tjscan.core import pose_vector
+from tjscan.core import errors, pose_vector
 from tjscan.core.devices import EventListener
-from tjscan.core.errors import (
-    ArmConnectionLost,
-    ArmFault,
-    ArmNotResponding,
-    MoveSupervisionLost,
-    ProgramStopped,
-)
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
+from tjscan.core.process import ClientProcess
 from tjscan.robot.arm import ArmState, MotionLock
+from tjscan.robot.ur import messages
 from tjscan.robot.ur.dashboard import DashboardClient
-from tjscan.robot.ur.messages import (
-    NOT_SUPERVISED,
-    PROGRAM_PLAYING,
-    ControllerState,
-    fault_from_state,
-    fault_of_local_control,
-    fault_of_robot_mode,
-    fault_of_safety_mode,
-)
 from tjscan.robot.ur.settings import UrSettings
 
 T = TypeVar("T")
@@ -42,7 +27,7 @@ CLIENT_ANSWER_LIMIT: Final = 3.0
 MOVE_STOP_DECELERATION: Final = 2.0
 """rad/s² of the leading axis when a move is stopped."""
 
-NEXT_READING_DELAY: Final = 0.02
+NEXT_STATE_REPORT_DELAY: Final = 0.02
 """Seconds after which the controller has reported again."""
 
 ANSWER_SLACK: Final = 1.0
@@ -80,8 +65,13 @@ class ControllerSession:
         note: EventListener,
     ) -> None:
         self.dashboard, self.settings, self.latch, self._note = dashboard, settings, latch, note
-        self.link = ClientProcess("tjscan.robot.ur.client")
-        self.fault: ArmFault | None = None
+        self.link = ClientProcess(
+            "tjscan.robot.ur.client",
+            "the arm's controller",
+            errors.ArmConnectionLost,
+            errors.ArmNotResponding,
+        )
+        self.fault: errors.ArmFault | None = None
         self.T_tcp_f = np.eye(4)
         """The flange in the active TCP, shape (4, 4)."""
         self._clock: float | None = None
@@ -89,7 +79,7 @@ class ControllerSession:
 
     def read_state(
         self, *, supervising_move: bool = False, beside_program: bool = False
-    ) -> ControllerState:
+    ) -> messages.ControllerState:
         """Read the controller's state; raises the arm's fault if there is one.
 
         Parameters
@@ -108,20 +98,22 @@ class ControllerSession:
         limit = self.settings.silence_limit + ANSWER_SLACK
         name = "read_state_marking_followed" if supervising_move else "read_state"
         try:
-            now = self.ask_client(ControllerState, name, limit=limit)
+            now = self.ask_client(messages.ControllerState, name, limit=limit)
             self._check_clock_advances(now)
-            shown = replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
-            fault = fault_from_state(shown)
-            if isinstance(fault, ProgramStopped):  # blames people: confirm it first
-                time.sleep(NEXT_READING_DELAY)
-                now = self.ask_client(ControllerState, name, limit=limit)
-                fault = fault_from_state(now)
-        except ArmFault as found:
+            shown = replace(now, runtime_state=messages.PROGRAM_PLAYING) if beside_program else now
+            fault = messages.fault_from_state(shown)
+            if isinstance(fault, errors.ProgramStopped):  # blames people: confirm it first
+                time.sleep(NEXT_STATE_REPORT_DELAY)
+                now = self.ask_client(messages.ControllerState, name, limit=limit)
+                fault = messages.fault_from_state(now)
+        except errors.ArmFault as found:
             fault = found
         except ClientLibraryError as failed:
-            fault = ArmConnectionLost(f"the connection to the arm's controller broke ({failed}).")
+            fault = errors.ArmConnectionLost(
+                f"the connection to the arm's controller broke ({failed})."
+            )
         if fault is not None:
-            raise self.end_for_fault(fault)
+            raise self.end_session_for_fault(fault)
         return now
 
     def ask_client(
@@ -151,23 +143,10 @@ class ControllerSession:
         ClientLibraryError
             If the client library raised something.
         """
-        try:
-            answer = self.link.ask(name, *arguments, limit=limit)
-        except ClientClosed:
-            raise ArmConnectionLost("the client's process has ended. Connect again.") from None
-        except ClientDied as died:
-            raise ArmConnectionLost(
-                f"the connection to the arm's controller broke.{died} See that the arm is "
-                "at rest and its network cable sits, then start again."
-            ) from None
-        except ClientSilent:
-            raise ArmNotResponding(
-                f"the arm's controller did not answer within {limit:g} s ({name}). See that it is "
-                "on and its network cable sits, then start again."
-            ) from None
-        if answer.failure == NOT_SUPERVISED:
-            raise MoveSupervisionLost(
-                "this program stood still while the arm moved, and the arm was stopped on its "
+        answer = self.link.ask(name, *arguments, limit=limit)
+        if answer.failure == messages.NOT_SUPERVISED:
+            raise errors.MoveSupervisionLost(
+                "this program paused while the arm moved, and the arm was stopped on its "
                 "way. See that the way is clear, and that nothing holds this computer up, then "
                 "start again."
             )
@@ -181,7 +160,7 @@ class ControllerSession:
         """Read joint angles, flange pose and time; raises as `read_state` does."""
         return self.arm_state_from(self.read_state())
 
-    def arm_state_from(self, now: ControllerState) -> ArmState:
+    def arm_state_from(self, now: messages.ControllerState) -> ArmState:
         """Convert a controller's state to joint angles, flange pose and time."""
         T_b_f = pose_vector.pose_from_vector(now.tcp) @ self.T_tcp_f
         return ArmState(np.array(now.q), T_b_f, now.time)
@@ -200,8 +179,8 @@ class ControllerSession:
         """
         if len(self.call_client_method(list, "active_tcp_offset")) != 6:
             self.read_state()  # the true reason, if the arm is not well
-            raise self.end_for_fault(
-                ArmNotResponding(
+            raise self.end_session_for_fault(
+                errors.ArmNotResponding(
                     "the arm's controller no longer carries out what it is asked. See that its "
                     "network cable sits and read its pendant's log, then start again."
                 )
@@ -219,21 +198,21 @@ class ControllerSession:
         """
         try:
             self.dashboard.ask("running")
-        except ArmNotResponding as lost:
+        except errors.ArmNotResponding as lost:
             self._reconnect_dashboard(lost)
 
     def ensure_dashboard_connected(self) -> None:
         """See that the dashboard has not hung up; during a move, for it waits for no answer."""
         if self.dashboard.has_hung_up:
-            self._reconnect_dashboard(ArmNotResponding("the dashboard hung up."))
+            self._reconnect_dashboard(errors.ArmNotResponding("the dashboard hung up."))
 
-    def _reconnect_dashboard(self, lost: ArmFault) -> None:
+    def _reconnect_dashboard(self, lost: errors.ArmFault) -> None:
         try:
             self.dashboard.connect_again(RECONNECT_WAIT_SHARE * self.settings.silence_limit)
-        except ArmFault:
+        except errors.ArmFault:
             self.stop_move()
-            raise self.end_for_fault(
-                ArmConnectionLost(
+            raise self.end_session_for_fault(
+                errors.ArmConnectionLost(
                     f"{lost} It could not be connected again, and without it there is no second "
                     "way to stop the arm: the arm was stopped. See that its network cable sits and "
                     "the dashboard service is enabled, then start again."
@@ -248,22 +227,24 @@ class ControllerSession:
             return self.ask_client(kind, name, *arguments)
         except ClientLibraryError as failed:
             self.read_state()  # the true reason, if the arm is not well
-            raise self.end_for_fault(
-                ArmFault(f"the client library failed at {name}: {failed}. Start again.")
+            raise self.end_session_for_fault(
+                errors.ArmFault(f"the client library failed at {name}: {failed}. Start again.")
             ) from None
-        except ArmFault as fault:
-            raise self.end_for_fault(fault) from None
+        except errors.ArmFault as fault:
+            raise self.end_session_for_fault(fault) from None
 
     def stop_move(self) -> None:
         """Stop the move under way; the session goes on if the arm is well."""
         if self.fault is None:
             try:
                 self.ask_client(NoneType, "stop_move", MOVE_STOP_DECELERATION)
-            except (ArmFault, ClientLibraryError) as failed:
-                fault = failed if isinstance(failed, ArmFault) else ArmFault(str(failed))
-                self.end_for_fault(fault)
+            except (errors.ArmFault, ClientLibraryError) as failed:
+                fault = (
+                    failed if isinstance(failed, errors.ArmFault) else errors.ArmFault(str(failed))
+                )
+                self.end_session_for_fault(fault)
 
-    def end_for_fault(self, fault: ArmFault) -> ArmFault:
+    def end_session_for_fault(self, fault: errors.ArmFault) -> errors.ArmFault:
         """End the session for a fault: stop the arm by whatever still works; returns the fault."""
         if self.fault is None:
             self.fault = self._find_cause_of_silence(fault)
@@ -275,7 +256,7 @@ class ControllerSession:
         """Stop our program and all motion through the dashboard; note it if that fails."""
         try:
             self.dashboard.stop_program()
-        except ArmFault as unheard:
+        except errors.ArmFault as unheard:
             advice = "Press the emergency stop if the arm still moves."
             because.add_note(f"What is more, {unheard} {advice}")
 
@@ -295,7 +276,7 @@ class ControllerSession:
         try:
             if self.fault is None:
                 self.ask_client(NoneType, "stop_control_script")
-        except (ArmFault, ClientLibraryError):
+        except (errors.ArmFault, ClientLibraryError):
             if because is None:
                 self.dashboard.stop_program()
             else:
@@ -312,7 +293,7 @@ class ControllerSession:
         if self.fault is not None:
             raise self.fault
 
-    def _check_clock_advances(self, now: ControllerState) -> None:
+    def _check_clock_advances(self, now: messages.ControllerState) -> None:
         """Check that the controller's clock advances: stale readings still return."""
         moment, limit = time.monotonic(), self.settings.silence_limit
         # Between two readings nothing is known: a pause between them counts for nothing.
@@ -320,17 +301,17 @@ class ControllerSession:
             self._clock, self._advanced = now.time, moment
         self._seen = moment
         if moment - self._advanced > limit:
-            raise ArmNotResponding(
+            raise errors.ArmNotResponding(
                 f"the controller's clock remains at {now.time:.3f} s for {limit:g} s: it "
                 "is silent. Look at its pendant and cable, then start again."
             )
 
-    def _find_cause_of_silence(self, fault: ArmFault) -> ArmFault:
+    def _find_cause_of_silence(self, fault: errors.ArmFault) -> errors.ArmFault:
         """Why the program stopped or the controller is silent, if the dashboard knows."""
-        if isinstance(fault, (ProgramStopped, ArmNotResponding)):
-            with suppress(ArmFault):
+        if isinstance(fault, (errors.ProgramStopped, errors.ArmNotResponding)):
+            with suppress(errors.ArmFault):
                 found = not_ready_fault(self.dashboard)
-                if found is None and isinstance(fault, ArmNotResponding):
+                if found is None and isinstance(fault, errors.ArmNotResponding):
                     fault.add_note(
                         "Its dashboard does answer: either this computer was held up, or only the "
                         "connection for data (RTDE) hangs."
@@ -339,10 +320,10 @@ class ControllerSession:
         return fault
 
 
-def not_ready_fault(dashboard: DashboardClient) -> ArmFault | None:
+def not_ready_fault(dashboard: DashboardClient) -> errors.ArmFault | None:
     """Fault that keeps the arm from moving, by its dashboard; None if it is ready."""
     return (
-        fault_of_safety_mode(dashboard.ask_value("safetystatus"))
-        or fault_of_robot_mode(dashboard.ask_value("robotmode"))
-        or fault_of_local_control(dashboard.ask("is in remote control"))
+        messages.fault_of_safety_mode(dashboard.ask_value("safetystatus"))
+        or messages.fault_of_robot_mode(dashboard.ask_value("robotmode"))
+        or messages.fault_of_local_control(dashboard.ask("is in remote control"))
     )

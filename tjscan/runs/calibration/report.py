@@ -15,10 +15,9 @@ from tjscan.calibration.file import (
     CalibrationFile,
     read_calibration,
 )
-from tjscan.calibration.noise import NoiseModel
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.job.files import read_calibration_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportSheet
 from tjscan.result.directory import CALIBRATION_FILE, CALIBRATION_PICTURE, JOB_FILE
@@ -44,6 +43,9 @@ def calibration_chapter(directory: Path) -> ReportChapter:
     return ReportChapter(facts=(("calibration", fact),))
 
 
+EMPTY_CALIBRATION_BASIS: Final = BasisEntry(target="")
+"""Of a calibration whose file does not hold what it rests on."""
+
 MOST_LISTED_LEFT_OUT_PROFILES: Final = 4
 """Profiles left out that the page names; the file names all."""
 
@@ -60,7 +62,7 @@ def calibration_page(directory: Path) -> ReportChapter:
             f"tjscan calibrate --resume {directory}",
             file=directory,
         )
-    check_as_written(directory / JOB_FILE, file)
+    check_files_unaltered(directory / JOB_FILE, file)
     found = read_calibration(file)
     frame = "f" if found.T_b_s_mm is None else "b"
     sheet = ReportSheet("Calibration", tuple(_pose_headline(found)), CALIBRATION_PICTURE, frame)
@@ -89,14 +91,14 @@ def _pose_headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
 
 
 def _calibration_facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
-    basis = found.basis
+    basis = found.basis or EMPTY_CALIBRATION_BASIS
     yield "devices", f"arm {found.arm}, laser {found.laser}, {found.date:%Y-%m-%d %H:%M} UTC"
-    target = "" if basis is None else basis.target
-    yield "target", f"{target or 'not kept by the version that wrote the file'}; {found.method}"
+    target = basis.target or "not kept by the version that wrote the file"
+    yield "target", f"{target}; {found.method}"
     yield (
         "profiles",
         f"{found.lines} in use; left out: {len(found.residuals) - found.lines} as contradicting "
-        f"the others, {0 if basis is None else len(basis.left_out)} before that",
+        f"the others, {len(basis.left_out)} before that",
     )
     yield (
         "condition number",
@@ -110,8 +112,7 @@ def _calibration_facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
             f"measured {ball.measured_radius_mm:.3f} ± {ball.sigma_radius_mm:.3f} mm, "
             + ("none stated" if stated is None else f"stated {stated:.3f} mm"),
         )
-    if basis is not None:
-        yield "poses read as", "; ".join(basis.poses_read_as)
+    yield "poses read as", "; ".join(basis.poses_read_as)
     used = [residual for residual in found.residuals if residual.used]
     rms = np.sqrt(np.mean(np.array([residual.offset_mm for residual in used]) ** 2))
     worst = max(used, key=lambda residual: abs(residual.offset_mm))
@@ -123,20 +124,18 @@ def _calibration_facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
             f"{fresh.offset_mm:+.3f} mm and {fresh.tilt_deg:+.4f}° off; {fresh.misfit:.1f} "
             f"standard deviations, {fresh.limit:.1f} may be",
         )
-    yield "errors stated", _noise_in_words(found.noise, found.geometry_mm)
-    if found.kinematics is not None:
-        yield "arm", _arm_in_words(found.kinematics)
-
-
-def _noise_in_words(noise: NoiseModel, geometry_mm: float) -> str:
-    return (
+    noise = found.noise
+    yield (
+        "errors stated",
         f"range {1e3 * noise.range:g} mm, pose {1e3 * noise.position:g} mm and "
         f"{np.degrees(noise.rotation):.3g}° each axis, touch {1e3 * noise.touch:g} mm; the arm's "
-        f"geometry is allowed {geometry_mm:.2g} mm"
+        f"geometry is allowed {found.geometry_mm:.2g} mm",
     )
+    if found.kinematics is not None:
+        yield "arm", _calibrated_arm_in_words(found.kinematics)
 
 
-def _arm_in_words(arm: ArmKinematicsEntry) -> str:
+def _calibrated_arm_in_words(arm: ArmKinematicsEntry) -> str:
     left = arm.left_as_stated
     return (
         f"{arm.model}: six deviations of each of {len(arm.deviations)} joints; left as the maker "
@@ -152,7 +151,7 @@ def _calibration_findings(directory: Path, found: CalibrationFile) -> Iterator[s
             yield "Simulated: no real arm or laser measured this."
     if found.T_b_s_mm is not None:
         yield "The sensor is fixed in the room: this is its pose in the arm's base."
-    basis = found.basis or BasisEntry(target="")
+    basis = found.basis or EMPTY_CALIBRATION_BASIS
     for line in (*basis.caveats, *basis.left_out[:MOST_LISTED_LEFT_OUT_PROFILES]):
         yield f"{line[:1].upper()}{line[1:]}."
     if (more := len(basis.left_out) - MOST_LISTED_LEFT_OUT_PROFILES) > 0:
@@ -164,22 +163,15 @@ def _calibration_charts(found: CalibrationFile) -> Iterator[ReportChart]:
     misfit = np.array([residual.misfit for residual in found.residuals])
     numbers = np.arange(1, len(used) + 1)
     caption = "Offset and tilt together, against what the noise stated lets one expect: dashed."
+    title = "residual of each profile"
+    labels = "profile, in their order", "residual / standard deviations"
     for which, line, expected in (
         (used, USED_PROFILES_LABEL, 1.0),
         (~used, LEFT_OUT_PROFILES_LABEL, None),
     ):
         if which.any():
-            yield ReportChart(
-                "residual of each profile",
-                "profile, in their order",
-                "residual / standard deviations",
-                numbers[which],
-                misfit[which],
-                nominal=expected,
-                line=line,
-                caption=caption,
-                mark="bar",
-            )
+            x, y = numbers[which], misfit[which]
+            yield ReportChart(title, *labels, x, y, expected, line, caption, mark="bar")
     yield from _charts_of_tilts(found)
     yield from _charts_of_uncertainty(found)
 
@@ -197,21 +189,19 @@ def _charts_of_tilts(found: CalibrationFile) -> Iterator[ReportChart]:
     # An arm's calibration solves with some of its profiles, and is checked by the others.
     other = LEFT_OUT_PROFILES_LABEL if found.kinematics is None else "others"
     shown: dict[str, list[tuple[float, float]]] = {USED_PROFILES_LABEL: []}
-    for view in () if found.basis is None else found.basis.views:
+    for view in (found.basis or EMPTY_CALIBRATION_BASIS).views:
         place = view.tilt_deg, np.radians(view.azimuth_deg)
         shown.setdefault(used.get(view.name, other), []).append(place)
     for line, places in shown.items():
         if places:
             tilt, azimuth = np.array(places).T
             x, y = tilt * np.cos(azimuth), tilt * np.sin(azimuth)
-            title, words = "how the sensor was tilted", ("towards x / °", "towards y / °")
-            yield ReportChart(
-                title, *words, x, y, line=line, caption=caption, plane=True, mark="dot"
-            )
+            words = "how the sensor was tilted", "towards x / °", "towards y / °"
+            yield ReportChart(*words, x, y, None, line, caption, plane=True, mark="dot")
 
 
 def _charts_of_uncertainty(found: CalibrationFile) -> Iterator[ReportChart]:
-    steps = () if found.basis is None else found.basis.shrinking
+    steps = (found.basis or EMPTY_CALIBRATION_BASIS).shrinking
     title, caption = "uncertainty over the number of lines", "Of the result, after each line."
     lines = np.array([step.lines for step in steps])
     for line, values in (

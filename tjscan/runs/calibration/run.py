@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 from tjscan.calibration.arm.calibrate import ArmGeometryDeviation, as_hand_eye_calibration
-from tjscan.calibration.arm.wizard import ArmWizard, BallPlan, plan_views
+from tjscan.calibration.arm.wizard import ArmWizard, PosturePlan, plan_postures
 from tjscan.calibration.closed_form import plane_through_point
 from tjscan.calibration.file import (
     BasisEntry,
@@ -41,7 +41,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, PoseUnreachable
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
 from tjscan.job.cell import Cell, SensorMount, kinematics_of_job, make_cell, sensor_mount_of_job
@@ -72,8 +72,8 @@ def _calibrate_on_ball(
     T_f_s = wizard.take_lines(*wizard.touch_board()).T_f_s
     task, kinematics, logbook = wizard.task, kinematics_of_job(job), wizard.logbook
     limits = ball.noise, ball.tolerance, ball.poses, ball.held_out, task.laser
-    plan = BallPlan(np.array(ball.position), ball.radius, T_f_s, task.window, *limits)
-    views, devices = plan_views(plan, kinematics), (wizard.arm, wizard.laser, wizard.operator)
+    plan = PosturePlan(np.array(ball.position), ball.radius, T_f_s, task.window, *limits)
+    views, devices = plan_postures(plan, kinematics), (wizard.arm, wizard.laser, wizard.operator)
     q = wizard.arm.state().q
     found, arcs = ArmWizard(plan, views, kinematics, *devices, logbook, q).run()
     result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
@@ -101,11 +101,8 @@ def _basis_on_touched_board(wizard: CalibrationWizard, result: HandEyeCalibratio
         if so_far is not None:  # the first lines give no result
             mm = 1e3 * so_far.uncertainty.position
             degrees = float(np.degrees(so_far.uncertainty.rotation))
-            shrinking.append(
-                UncertaintyAfterLinesEntry(
-                    lines=count, sigma_position_mm=mm, sigma_rotation_deg=degrees
-                )
-            )
+            sigmas = {"sigma_position_mm": mm, "sigma_rotation_deg": degrees}
+            shrinking.append(UncertaintyAfterLinesEntry(lines=count, **sigmas))
     return BasisEntry(
         target=f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane",
         left_out=tuple(f"a pose was passed over: {one.reason}" for one in measured.skipped_poses),
@@ -132,7 +129,7 @@ def start_calibration(
     job : CalibrationJob
         The job.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     directory : Path
         To make.
     operator : Operator
@@ -161,7 +158,7 @@ def start_calibration(
 
 def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     """Resume an interrupted calibration; raises as `start_calibration` does."""
-    check_as_written(directory / JOB_FILE)
+    check_files_unaltered(directory / JOB_FILE)
     job = read_calibration_job(directory / JOB_FILE)
     file, drivers = directory / CALIBRATION_FILE, {job.arm.driver_kind, job.laser.driver_kind}
     if file.exists():
@@ -234,17 +231,14 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     cell = make_cell(
         job, mount, lambda: SimulatedScene(_board_and_ball_surface(job, truth.T), np.eye(4))
     )
-    probe = SimulatedTouchProbe(
-        cell.arm,
-        np.array(board.probe_tip),
-        board.T,
-        plane_through_point(truth.T[:3, 3], truth.T[:3, 2]),
+    plane = plane_through_point(truth.T[:3, 3], truth.T[:3, 2])
+    return cell, SimulatedTouchProbe(
+        *(cell.arm, np.array(board.probe_tip), board.T, plane),
         sigma=truth.touch,
         approach=board.approach,
         rng=np.random.default_rng([simulation.seed, PROBE_RANDOM_STREAM]),
         true_flange=cell.true_flange,
     )
-    return cell, probe
 
 
 def _refuse_board_without_simulation() -> NoReturn:
@@ -283,18 +277,10 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     deviation = None  # if the laser is stated to be exact
     if largest:
         deviation = LaserDeviation.for_window(largest, window)
-    return CalibrationPlan(
-        board.T,
-        0.5 * np.array(board.size),
-        np.array(board.probe_tip),
-        T_f_s,
-        window,
-        board.noise,
-        board.touches,
-        board.lines,
-        ArmGeometryDeviation(kinematics_of_job(job)).moves,
-        deviation,
-    )
+    board_f = board.T, 0.5 * np.array(board.size), np.array(board.probe_tip)
+    measured = board.noise, board.touches, board.lines
+    moves = ArmGeometryDeviation(kinematics_of_job(job)).moves
+    return CalibrationPlan(*board_f, T_f_s, window, *measured, moves, deviation)
 
 
 UNNAMED_DEVICE: Final = "unnamed"
@@ -360,7 +346,7 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
     job : CalibrationJob
         The job; its devices are connected.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
 
     Returns
     -------

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.crawler.joint_sections import PLACES_ACROSS, section_histories
 from tjscan.crawler.journal import CRAWL_RECORDING, WARNING_EVENT
 from tjscan.crawler.pass_record import root_mean_square
@@ -43,7 +43,7 @@ def crawl_chapter(directory: Path) -> ReportChapter:
     """Make a crawl's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / f"{CRAWL_RECORDING}.mcap").is_file():
         return ReportChapter()
-    check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
+    check_files_unaltered(directory / JOB_FILE, directory / CALIBRATION_FILE)
     job, found = read_crawl_job(directory / JOB_FILE), read_recorded_crawl(directory)
     return ReportChapter(
         facts=tuple(_crawl_facts(job, found)),

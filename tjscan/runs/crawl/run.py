@@ -66,7 +66,7 @@ from tjscan.runs.run import (
     make_vehicle_run_directory,
     record_vehicle_run,
 )
-from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME
 
 SETTLING_MULTIPLE: Final = 4.0
 """Times 1 / gain, after which a tenth of what a reversal brings is left: (1 + 4) exp(-4)."""
@@ -344,10 +344,10 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     if not crawled or (slip := crawled[-1].slip) is None:
         return None
     last = crawled[-1]
-    way = abs(last.state.odometry.speed) * (DEAD_MAN if found.was_stopped else COASTING_TIME)
+    way = abs(last.state.odometry.speed) * (DEAD_MAN_TIME if found.was_stopped else COASTING_TIME)
     since = takewhile(lambda cycle: cycle.slip is slip, reversed(crawled))
     way += sum(abs(after.travel - cycle.travel) for after, cycle in pairwise(since))
-    return slip.after_unseen_way(way, job.steering.least_radius)
+    return slip.with_unseen_travel(way, job.steering.least_radius)
 
 
 def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
@@ -505,13 +505,13 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
                 yield entry.time, entry.topic, cycle
             continue
         if time is None:
-            detail = f"estimated anew from {source}; nothing moved"
+            detail = f"estimated again from {source}; nothing moved"
             event = event_log_message(entry.time, Log.Level.INFO, REPLAY_EVENT, detail)
             yield entry.time, LOG_TOPIC, event
         period = 0.0 if time is None else cycle.state.time - time
         time = cycle.state.time
         if is_by_hand(cycle.phase, cycle.commanded):
-            method.set_down_anew()
+            method.forget_place()
         elif 0 < period <= LONGEST_PERIOD:  # in longer ones it did not move
             method.move(cycle.state.odometry, period, cycle.commanded)
         if cycle.was_read:

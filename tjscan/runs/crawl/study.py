@@ -18,18 +18,11 @@ from tjscan.crawler.pass_record import pass_records, root_mean_square
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.study.trial import (
-    ReportedQuantity,
-    ResolvedRun,
-    RunOutcome,
-    StudyBackend,
-    canonical_json,
-    drop_file_from_study_key_errors,
-)
+from tjscan.study import trial
 
 
 @dataclass(frozen=True, slots=True)
-class CrawlOutcome(RunOutcome):
+class CrawlOutcome(trial.RunOutcome):
     """Outcome of one crawl of a study. Lengths in millimetres.
 
     All but the first four are of the last pass in which the arc burned, and None if it never
@@ -87,7 +80,7 @@ class InMemoryCrawlJournal:
                 self.places.append((self.cycles[-1], self._truth()))
 
 
-def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
+def crawl_for_study(job: CrawlJob) -> CrawlOutcome:
     """Execute one crawl of a study and return its outcome; nothing is written.
 
     Parameters
@@ -132,23 +125,25 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
     )
 
 
-class CrawlStudyBackend(StudyBackend[CrawlOutcome]):
+class CrawlStudyBackend(trial.StudyBackend[CrawlOutcome]):
     """How crawls are resolved, executed and reported in a study; keys are as in the job file."""
 
     outcome = CrawlOutcome
     seed = "simulation.seed"
     compared_key = "method"
     measures = (
-        ReportedQuantity("vehicle off the joint, rms / mm", lambda m: m.vehicle_rms_mm, ".2f"),
-        ReportedQuantity("torch off its path, rms / mm", lambda m: m.torch_rms_mm, ".2f"),
-        ReportedQuantity("the same, p95 / mm", lambda m: m.torch_p95_mm, ".2f"),
-        ReportedQuantity("stated sigma / mm", lambda m: m.sigma_mm, ".2f"),
-        ReportedQuantity("profiles read / %", lambda m: m.read_percent, ".1f"),
+        trial.ReportedQuantity(
+            "vehicle off the joint, rms / mm", lambda m: m.vehicle_rms_mm, ".2f"
+        ),
+        trial.ReportedQuantity("torch off its path, rms / mm", lambda m: m.torch_rms_mm, ".2f"),
+        trial.ReportedQuantity("the same, p95 / mm", lambda m: m.torch_p95_mm, ".2f"),
+        trial.ReportedQuantity("stated sigma / mm", lambda m: m.sigma_mm, ".2f"),
+        trial.ReportedQuantity("profiles read / %", lambda m: m.read_percent, ".1f"),
     )
 
-    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
+    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> trial.ResolvedRun:
         """Resolve and check the settings of one crawl; see `StudyBackend.resolve_run`."""
-        with drop_file_from_study_key_errors(keys):
+        with trial.drop_file_from_study_key_errors(keys):
             job = read_crawl_job(job_file, dict(keys))
         if job.simulation is None or job.vehicle.driver_kind is not DriverKind.SIMULATED:
             raise ConfigurationError("a study simulates: its jobs need [simulation]")
@@ -157,11 +152,11 @@ class CrawlStudyBackend(StudyBackend[CrawlOutcome]):
                 "a study's vehicles differ, and a calibration is of one: leave this key out",
                 key="calibration",
             )
-        return ResolvedRun(canonical_json(table_to_dict(job)), {})
+        return trial.ResolvedRun(trial.canonical_json(table_to_dict(job)), {})
 
     def execute_run(self, settings: str) -> CrawlOutcome:
         """Execute one crawl; see `StudyBackend.execute_run`."""
-        return run_study_crawl(validate_table(CrawlJob, json.loads(settings)))
+        return crawl_for_study(validate_table(CrawlJob, json.loads(settings)))
 
 
 CRAWL_STUDY: Final = CrawlStudyBackend()

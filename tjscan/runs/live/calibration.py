@@ -20,11 +20,10 @@ from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
 from tjscan.job.cell import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.job.files import CalibrationJob, read_calibration_job
-from tjscan.live.buttons import Act, Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
 from tjscan.live.drawables import ArmPosture, Drawable, Lines, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, Button, PageAddress, Tone
 from tjscan.live.step import (
     BUTTONS_FACT_NAME,
     STATE_FACT,
@@ -53,7 +52,7 @@ class CalibrationShow:
     ----------
     job : CalibrationJob
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     title : str
         Of the run.
     """
@@ -63,13 +62,13 @@ class CalibrationShow:
         self._T_f_s = self._plan.T_f_s
         self.setting = self._make_scene_setup(job, title)
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
         match entry:
             case logbook.StartOrResumeEntry():
                 return Step("begun", facts={"lines": f"0 of {self._plan.lines}"})
             case logbook.BoardTouch():
-                return self._touch_step(entry)
+                return self._page_step_of_touch(entry)
             case logbook.LaserLineTaken(shot, for_verification):
                 return self._profile_step("verification" if for_verification else shot.name, shot)
             case logbook.ArmPoseTaken():
@@ -78,7 +77,7 @@ class CalibrationShow:
             case logbook.SkippedPose():
                 return Step("skipped", events=(("passed over", entry.reason),))
             case CalibrationProgress():
-                return self._progress_step(entry)
+                return self._page_step_of_progress(entry)
         return Step()
 
     def draw_next_pose(self, T_b_f: Array | None) -> Step:
@@ -115,7 +114,7 @@ class CalibrationShow:
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
 
-    def _touch_step(self, touch: logbook.BoardTouch) -> Step:
+    def _page_step_of_touch(self, touch: logbook.BoardTouch) -> Step:
         label = f"place {touch.place_number + 1}"
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
@@ -137,7 +136,7 @@ class CalibrationShow:
             drawn[f"line/{label}"] = Lines.through(seen, colour=LASER_COLOUR, width=2.5)
         return Step(label, drawn, {"taken": label}, profile=PlaneCurve.of_profile(shot.profile))
 
-    def _progress_step(self, progress: CalibrationProgress) -> Step:
+    def _page_step_of_progress(self, progress: CalibrationProgress) -> Step:
         """How sure the pose is after each line; the lines in the table, and where they belong."""
         sure, taken = progress.uncertainty, len(progress.samples)
         values = {
@@ -156,23 +155,18 @@ class CalibrationShow:
             for one in result.residuals:
                 note = "" if one.used else "left out"
                 rows.append((one.name, f"{1e3 * one.offset:+.3f}", f"{one.misfit:.1f}", note))
-        return Step(
-            f"{taken} lines",
-            facts=facts,
-            progress=min(taken / progress.wanted, 1.0),
-            samples=(Sample(float(taken), values),),
-            table=[RESIDUAL_TABLE_HEAD, *rows],
-        )
+        share, samples = min(taken / progress.wanted, 1.0), (Sample(float(taken), values),)
+        return Step(f"{taken} lines", {}, facts, share, samples, table=[RESIDUAL_TABLE_HEAD, *rows])
 
 
 def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:
-    """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a calibration's recording has to show; see `tjscan.live.step.ReplayReader`."""
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
     return show, logbook.read_calibration_entries(directory)
 
 
-PREVIEW_INTERVAL: Final = 0.2
+PROFILE_PREVIEW_INTERVAL: Final = 0.2
 """Seconds between two profiles of a real laser while an answer is awaited."""
 
 ANSWER_BUTTONS: Final[tuple[tuple[Answer, Tone, str], ...]] = (
@@ -244,7 +238,7 @@ class PageOperator:
 
     def _enable_buttons(self, *words: Answer) -> None:
         if self._run.page is not None:
-            self._run.page.enable({word: word in words for word, _, _ in ANSWER_BUTTONS})
+            self._run.page.enable_buttons({word: word in words for word, _, _ in ANSWER_BUTTONS})
 
     def _wait_for_button(self, question: Question) -> Answer:
         """Next button that is pressed; until then a real laser's profiles are shown."""
@@ -253,7 +247,7 @@ class PageOperator:
             return self._pressed.get()
         while True:
             with suppress(Empty):
-                return self._pressed.get(timeout=PREVIEW_INTERVAL)
+                return self._pressed.get(timeout=PROFILE_PREVIEW_INTERVAL)
             try:
                 profile = PlaneCurve.of_profile(look())
                 self._run.record(Step(facts={"laser": ""}, profile=profile))
@@ -271,7 +265,7 @@ def operator_on_page(
     ----------
     job : CalibrationJob
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     where : PageAddress
     report : callable
         Receives the page's address, and every message.

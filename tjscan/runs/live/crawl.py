@@ -20,11 +20,10 @@ from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live import step as live_step
-from tjscan.live.buttons import Act, Button, stop_button
 from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import BodyPose, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, Button, PageAddress, stop_button
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.settings import Box, Cylinder, Solid
@@ -43,14 +42,14 @@ DRAWN_WELD_PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
 DRAWN_WELD_WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
-SECONDS_BETWEEN_STEPS: Final = 0.25
+SECONDS_BETWEEN_PAGE_STEPS: Final = 0.25
 """Seconds of the vehicle's clock between two steps of a recording."""
 
 SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 """Of the vehicle's clock, between two cycles that are handed to the page."""
 BUTTON_HOLD_LIFETIME: Final = 0.3
 """Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
-a second. It leaves the rest of a vehicle's `DEAD_MAN` to brake in."""
+a second. It leaves the rest of a vehicle's `DEAD_MAN_TIME` to brake in."""
 LEAST_DRIVE_ORDER_INTERVAL: Final = 0.01
 """Seconds between two orders at least: a simulated vehicle waits for nothing."""
 
@@ -73,7 +72,7 @@ class CrawlShow:
         self._last: tuple[int, float, float] | None = None
         self.setting = self._make_scene_setup(title)
 
-    def step(self, entry: object) -> live_step.Step:
+    def step_of_entry(self, entry: object) -> live_step.Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case CrawlCycle():
@@ -85,22 +84,16 @@ class CrawlShow:
                 if name not in set(Phase):
                     return step
                 # An event that a phase begins with bears its name: no cycle follows a stop.
-                return replace(
-                    step,
-                    facts={live_step.STATE_FACT: name},
-                    diagram=phase_transition_diagram(Phase(name)),
-                )
+                diagram = phase_transition_diagram(Phase(name))
+                return replace(step, facts={live_step.STATE_FACT: name}, diagram=diagram)
         return live_step.Step()
 
     def _make_scene_setup(self, title: str) -> live_step.SceneSetup:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
         size = (job.vehicle.body_length, job.vehicle.body_width, DRAWN_CRAWLER_HEIGHT)
-        body = Solid(
-            "body",
-            Box(size),
-            pose(p=(0.0, 0.0, DRAWN_CRAWLER_CLEARANCE + 0.5 * DRAWN_CRAWLER_HEIGHT)),
-        )
+        height = DRAWN_CRAWLER_CLEARANCE + 0.5 * DRAWN_CRAWLER_HEIGHT
+        body = Solid("body", Box(size), pose(p=(0.0, 0.0, height)))
         torch = Solid("torch", Cylinder(0.012, 0.25), pose(p=(0.0, 0.0, 0.125)))
         ends = np.array([(-before, 0.0, 0.0), (length + job.weld.run_up, 0.0, 0.0)])
         weld = np.array([(0.0, 0.0, 0.0), (length, 0.0, 0.0)])
@@ -151,14 +144,9 @@ class CrawlShow:
         if cycle.phase is Phase.WELDING and cycle.number:
             along = min(max(cycle.travel / self._job.weld.length, 0.0), 1.0)
             progress = (cycle.number - 1 + along) / len(self._job.passes)
-        return live_step.Step(
-            f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm",
-            drawn,
-            self._cycle_facts(cycle),
-            progress,
-            samples,
-            diagram=phase_transition_diagram(cycle.phase),
-        )
+        label, facts = f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm", self._cycle_facts(cycle)
+        diagram = phase_transition_diagram(cycle.phase)
+        return live_step.Step(label, drawn, facts, progress, samples, diagram=diagram)
 
     def _cycle_facts(self, cycle: CrawlCycle) -> dict[str, str]:
         reading = f"{1e3 * cycle.d:+.2f} ± {1e3 * cycle.d_sigma:.2f} mm" if cycle.was_read else "no"
@@ -202,7 +190,7 @@ def phase_transition_diagram(now: Phase) -> live_step.StateDiagram:
 
 
 def read_crawl_show(directory: Path) -> tuple[CrawlShow, Iterator[object]]:
-    """Read what a crawl's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a crawl's recording has to show; see `tjscan.live.step.ReplayReader`."""
     show = CrawlShow(read_crawl_job(directory / JOB_FILE), directory.resolve().name)
     return show, _read_thinned_entries(directory)
 
@@ -214,7 +202,7 @@ def _read_thinned_entries(directory: Path) -> Iterator[object]:
         match entry:
             case CrawlCycle(state=state, profile=profile):
                 if state.time >= due:
-                    due, with_profile = state.time + SECONDS_BETWEEN_STEPS, True
+                    due, with_profile = state.time + SECONDS_BETWEEN_PAGE_STEPS, True
                     yield entry
                 if profile is not None and with_profile:
                     with_profile = False
@@ -266,15 +254,15 @@ class PageHandDrive:
         return cls(job.alignment.speed, 1 / job.steering.least_radius)
 
     @property
-    def words(self) -> Sequence[str]:
+    def button_words(self) -> Sequence[str]:
         """Words of the buttons that drive."""
         return tuple(self._twists)
 
-    def start(self) -> None:
+    def start_crawl(self) -> None:
         """Let the crawl begin: driving by hand is over."""
         self._begun.set()
 
-    def hear(self, word: str) -> None:
+    def note_held(self, word: str) -> None:
         """Note that a button is held."""
         self._heard[word] = self._clock()
 
@@ -361,14 +349,15 @@ def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:
     """
 
     def start() -> None:
-        hand.start()
+        hand.start_crawl()
         if run.page is not None:
-            run.page.enable(dict.fromkeys(("Start", *hand.words), False))
+            run.page.enable_buttons(dict.fromkeys(("Start", *hand.button_words), False))
         run.record(live_step.Step(facts={live_step.BUTTONS_FACT_NAME: ""}))
 
     run.record(
         live_step.Step(facts={live_step.BUTTONS_FACT_NAME: "Start, or hold a button to drive"})
     )
     hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
-    held = [Button(word, partial(hand.hear, word), hint=hint, held=True) for word in hand.words]
+    words = hand.button_words
+    held = [Button(word, partial(hand.note_held, word), hint=hint, held=True) for word in words]
     return [Button("Start", start, "green", "Let the crawl begin"), *held]

@@ -19,11 +19,10 @@ from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.job.cell import kinematics_of_job, solids_in_base
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.live.buttons import Act, Button
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import ArmPosture, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, Button, PageAddress
 from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, Sample, SceneSetup, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
@@ -93,7 +92,7 @@ class ScanShow:
             GROOVE_DEPTH_MEASURE,
             CORNER_SIGMA_MEASURE,
         )
-        look_at, look_from = self._camera_place(job.scan)
+        look_at, look_from = self._camera_target_and_place(job.scan)
         known = self._joint is not None
         return SceneSetup(
             title,
@@ -103,33 +102,33 @@ class ScanShow:
             kinematics_of_job(job),
             solids_in_base(job),
             tuple(one.solid for one in job.clearance.tool),
-            ghost=tuple(self._designed_groove()),
+            ghost=tuple(self._designed_joint_lines()),
             look_at=look_at,
             look_from=look_from,
         )
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case ProfileView():
-                return self._view_step(entry)
+                return self._page_step_of_view(entry)
             case ScannedSection():
-                return self._section_step(entry)
+                return self._page_step_of_section(entry)
             case UnreadSection(section):
                 label = f"section {section.view.index}"
-                return Step(label, self._measured_piece(section.view, section.points_b, {}))
+                return Step(label, self._groove_piece_to_draw(section.view, section.points_b, {}))
             case RunEvent(name, detail):
                 state = {STATE_FACT: f"{name}: {detail}"} if name in ARM_STILL_EVENTS else {}
                 return Step(name, facts=state, events=((name, detail),))
         return Step()
 
-    def _view_step(self, view: ProfileView) -> Step:
+    def _page_step_of_view(self, view: ProfileView) -> Step:
         label = f"section {view.index}, {view.substep}"
-        drawn = {"arm": ArmPosture(view.q), **laser_fan(view)}
+        drawn = {"arm": ArmPosture(view.q), **laser_fan_to_draw(view)}
         facts = {"doing": label, "arm's clock": f"{view.time:.1f} s"}
         return Step(label, drawn, facts, profile=PlaneCurve.of_profile(view.profile))
 
-    def _section_step(self, section: ScannedSection) -> Step:
+    def _page_step_of_section(self, section: ScannedSection) -> Step:
         groove, view, done = section.groove, section.view, section.view.index + 1
         T_r_s = self._frame.T_r_b @ view.T_b_s
         measured = section_to_result_frame(groove, T_r_s, self._frame.letter, index=view.index)
@@ -142,16 +141,12 @@ class ScanShow:
         for measure in (CORNER_DEVIATION_MEASURE, GROOVE_ANGLE_MEASURE, ROOT_OPENING_MEASURE):
             if measure is not CORNER_DEVIATION_MEASURE or self._joint is not None:
                 facts[measure.name] = _value_in_words(measure, values, sigmas)
-        drawn = self._measured_piece(view, section.points_b, values)
+        drawn = self._groove_piece_to_draw(view, section.points_b, values)
         drawn["fitted"] = Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0)
-        return Step(
-            f"section {view.index}",
-            drawn,
-            facts,
-            None if self.total is None else min(done / self.total, 1.0),
-            (Sample(float(x), values, sigmas),),
-            PlaneCurve.of_profile(view.profile, groove.points_s),
-        )
+        progress = None if self.total is None else min(done / self.total, 1.0)
+        samples = (Sample(float(x), values, sigmas),)
+        profile = PlaneCurve.of_profile(view.profile, groove.points_s)
+        return Step(f"section {view.index}", drawn, facts, progress, samples, profile)
 
     def _values_of(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:
         """Values of the measures and their standard deviations, millimetres and degrees."""
@@ -173,7 +168,7 @@ class ScanShow:
             sigmas[CORNER_DEVIATION_MEASURE.name] = corner_sigma
         return values, sigmas
 
-    def _measured_piece(
+    def _groove_piece_to_draw(
         self, view: ProfileView, points_b: Array, values: dict[str, float]
     ) -> dict[str, Drawable]:
         last, self._last_b = self._last_b, points_b
@@ -183,7 +178,7 @@ class ScanShow:
         seen_b = transform_points(view.T_b_s, view.profile.points_s)
         return {f"groove/{view.index}": MeasuredPiece(seen_b, vertices, triangles, values)}
 
-    def _designed_groove(self) -> Iterator[Lines | Surface]:
+    def _designed_joint_lines(self) -> Iterator[Lines | Surface]:
         T_b_j = self._frame.T_b_j
         if self._joint is None or T_b_j is None:
             return
@@ -191,7 +186,7 @@ class ScanShow:
         yield Lines.through(*lines[:3], colour=NOMINAL_COLOUR, width=2.0)  # the groove's edges
         yield Lines.through(*lines[3:], colour=NOMINAL_COLOUR, width=1.0)
 
-    def _camera_place(self, plan: ScanPlan) -> tuple[Array, Array]:
+    def _camera_target_and_place(self, plan: ScanPlan) -> tuple[Array, Array]:
         """Middle of the picture, and whence it is seen: over the taught pose, beside the arm."""
         T_b_j, first = self._frame.T_b_j, plan.first
         flange = np.array((0.8, 0.0, 0.4)) if first is None else first.T[:3, 3]
@@ -203,7 +198,7 @@ class ScanShow:
         return at, at + out + (0.0, 0.0, 1.1 * size)
 
 
-def laser_fan(view: ProfileView) -> dict[str, Drawable]:
+def laser_fan_to_draw(view: ProfileView) -> dict[str, Drawable]:
     """The laser's plane, from the sensor to what it saw; and the profile."""
     points = view.profile.points_s
     points = points[np.isfinite(points).all(axis=1)]
@@ -229,7 +224,7 @@ def _value_in_words(measure: Measure, values: dict[str, float], sigmas: dict[str
 
 
 def read_scan_show(directory: Path) -> tuple[ScanShow, Iterator[object]]:
-    """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a scan's recording has to show; see `tjscan.live.step.ReplayReader`."""
     job_file = directory / JOB_FILE
     context = ScanContext(read_scan_job(job_file), job_file).at_station()
     return ScanShow(context, directory.resolve().name), read_scan_entries(directory, context)
@@ -307,7 +302,7 @@ def show_scan(
         if simulation is not None and simulation.arm is not None:
             yield Step(drawn={"arm": ArmPosture(np.array(simulation.arm.home))})
         if resumed is not None and (resumed / RECORDING_FILE).is_file():
-            yield from map(show.step, read_scan_entries(resumed, context))
+            yield from map(show.step_of_entry, read_scan_entries(resumed, context))
 
     show = ScanShow(context, context.job_file.stem)
     buttons = partial(scan_buttons, stop=context.stop, interrupt=interrupt)

@@ -12,7 +12,6 @@ import numpy as np
 
 from tjscan.core.frames import Array, pose, rot_z
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.live.buttons import Act, stop_button
 from tjscan.live.colours import (
     FITTED_COLOUR,
     LASER_COLOUR,
@@ -22,7 +21,7 @@ from tjscan.live.colours import (
 )
 from tjscan.live.drawables import BodyPose, Drawable, Lines
 from tjscan.live.listening import Report, RunOnPage, show_run
-from tjscan.live.page import PageAddress
+from tjscan.live.page import Act, PageAddress, stop_button
 from tjscan.live.step import STATE_FACT, Measure, Sample, SceneSetup, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
@@ -44,7 +43,7 @@ DRAWN_CABLE_HEIGHT: Final = 0.1
 """Metres above the floor at which the cable is drawn."""
 SIDES_OF_DRAWN_OBSTACLE: Final = 40
 """Sides of a drawn obstacle."""
-CYCLES_BETWEEN_STEPS: Final = 2
+CYCLES_BETWEEN_PAGE_STEPS: Final = 2
 """Cycles of a recording between two steps."""
 
 
@@ -63,13 +62,13 @@ class TowShow:
         self._began: float | None = None
         self.setting = self._make_scene_setup(title)
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case TowCycle():
                 return self._cycle_step(entry)
             case TowTruth():
-                return self._truth_step(entry)
+                return self._page_step_of_truth(entry)
             case RunEvent(name, detail):
                 stopped = {STATE_FACT: f"stop: {detail}"} if name == "stop" else {}
                 return Step(name, facts=stopped, events=((name, detail),))
@@ -86,10 +85,8 @@ class TowShow:
         shape = Cylinder(job.vehicles.radius, DRAWN_VEHICLE_HEIGHT)
         names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
         seam = _lift_to_height(self._seam.path.points)
-        clearances, forces = (
-            (CABLE_CLEARANCE_MEASURE, VEHICLE_CLEARANCE_MEASURE),
-            (WELDER_FORCE_MEASURE, VEHICLE_FORCE_MEASURE),
-        )
+        clearances = CABLE_CLEARANCE_MEASURE, VEHICLE_CLEARANCE_MEASURE
+        forces = WELDER_FORCE_MEASURE, VEHICLE_FORCE_MEASURE
         return SceneSetup(
             title,
             (LARGEST_BEND_MEASURE, *clearances, OBJECTIVE_MEASURE, *forces),
@@ -120,15 +117,11 @@ class TowShow:
             **{name: BodyPose(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
             "cable": Lines.through(_lift_to_height(estimate), colour=TOOL_COLOUR, width=4.0),
             "planned": Lines.through(_lift_to_height(planned), colour=FITTED_COLOUR, width=2.0),
-            "obstacles": Lines.through(*map(_circle_points, discs), colour=SOLID_COLOUR, width=3.0),
+            "obstacles": Lines.through(*map(_disc_outline, discs), colour=SOLID_COLOUR, width=3.0),
         }
-        return Step(
-            f"{time:.1f} s",
-            drawn,
-            self._cycle_facts(cycle, values),
-            min(cycle.along / self._seam.length, 1.0) if self._seam.length else None,
-            (Sample(time, values),),
-        )
+        facts, samples = self._cycle_facts(cycle, values), (Sample(time, values),)
+        progress = min(cycle.along / self._seam.length, 1.0) if self._seam.length else None
+        return Step(f"{time:.1f} s", drawn, facts, progress, samples)
 
     def _cycle_facts(self, cycle: TowCycle, values: dict[str, float]) -> dict[str, str]:
         state = f"waits: {cycle.wait}" if cycle.wait else "welding"
@@ -145,7 +138,7 @@ class TowShow:
             "stopped vehicles": stopped,
         }
 
-    def _truth_step(self, truth: TowTruth) -> Step:
+    def _page_step_of_truth(self, truth: TowTruth) -> Step:
         """What a simulation knows too: the true cable, and its forces."""
         cable = Lines.through(_lift_to_height(truth.line), colour=NOMINAL_COLOUR, width=2.0)
         values = {
@@ -181,13 +174,13 @@ def _lift_to_height(points: Array, height: float = DRAWN_CABLE_HEIGHT) -> Array:
     return np.column_stack((points[:, :2], np.full(len(points), height)))
 
 
-def _circle_points(disc: Array) -> Array:
+def _disc_outline(disc: Array) -> Array:
     turn = np.linspace(0, 2 * np.pi, SIDES_OF_DRAWN_OBSTACLE + 1)
     return _lift_to_height(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
 
 
 def read_tow_show(directory: Path) -> tuple[TowShow, Iterator[object]]:
-    """Read what a tow's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a tow's recording has to show; see `tjscan.live.step.ReplayReader`."""
     show = TowShow(read_tow_job(directory / JOB_FILE), directory.resolve().name)
     return show, _read_thinned_entries(directory)
 
@@ -197,7 +190,7 @@ def _read_thinned_entries(directory: Path) -> Iterator[object]:
     seen = Counter[type]()
     for entry in read_tow(directory):
         seen[type(entry)] += 1
-        if isinstance(entry, RunEvent) or seen[type(entry)] % CYCLES_BETWEEN_STEPS == 1:
+        if isinstance(entry, RunEvent) or seen[type(entry)] % CYCLES_BETWEEN_PAGE_STEPS == 1:
             yield entry
 
 

@@ -24,9 +24,9 @@ from tjscan.core.frames import (
 from tjscan.core.units import MM
 from tjscan.job.cell import collision_model_of_job, kinematics_of_job
 from tjscan.job.files import ScanJob, read_scan_job
-from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import LengthEntry
 from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import BeadPath, StationPath
@@ -37,11 +37,7 @@ from tjscan.robot.collision import SCANNED_GROOVE_NAME
 from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_JOINT_TURN, linear_waypoints
-from tjscan.robot.tool_reach import (
-    NEAR_SINGULARITY_TEXT,
-    Hindrance,
-    ToolConfigurations,
-)
+from tjscan.robot.tool_reach import NEAR_SINGULARITY_TEXT, Hindrance, ToolConfigurations
 from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.journal import grid_triangles
 
@@ -60,7 +56,7 @@ class WeldingStation:
     job : ScanJob
         Of that station alone.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     model, kinematics : Kinematics
         The arm as its controller has it, and as it was calibrated.
     T_b_r : ndarray, shape (4, 4)
@@ -74,7 +70,7 @@ class WeldingStation:
     kinematics: Kinematics
     T_b_r: Array
 
-    def make_hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
+    def hindrance_check(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
         """What keeps the arm with a torch from a configuration.
 
         The solids of the job, whose frame w is known if the job states the joint's pose in
@@ -262,7 +258,7 @@ class StationReach:
         """
         first, last = self.longest or (0, 0)
         spins, q = self.holds.path(first, last)
-        q = _turned_within_limits(q, self.station)
+        q = _turn_joints_within_limits(q, self.station)
         at = self._along(np.arange(first, last + 1))
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
@@ -330,9 +326,8 @@ class _TorchLeader:
 
     def _refuse_hindered_pose(self, q: Array, T_b_f: Array, where: str) -> None:
         arm, least = self._station.kinematics, self._station.job.clearance.singular
-        reason = (
-            NEAR_SINGULARITY_TEXT if arm.smallest_singular_value(q) < least else self._hindrance(q)
-        )
+        is_singular = arm.smallest_singular_value(q) < least
+        reason = NEAR_SINGULARITY_TEXT if is_singular else self._hindrance(q)
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 
@@ -361,15 +356,10 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     count = ceil(edges.length / REACH_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
-    holds = ToolConfigurations(
-        station.kinematics,
-        torch.tcp.T,
-        T,
-        station.make_hindrance(torch, groove, EXTRA_COLLISION_MARGIN),
-        singular=station.job.clearance.singular,
-        closed=edges.closed,
-    )
-    hindrance = station.make_hindrance(torch, groove, 0.0)
+    arm, singular = station.kinematics, station.job.clearance.singular
+    wary = station.hindrance_check(torch, groove, EXTRA_COLLISION_MARGIN)
+    holds = ToolConfigurations(arm, torch.tcp.T, T, wary, singular=singular, closed=edges.closed)
+    hindrance = station.hindrance_check(torch, groove, 0.0)
     return StationReach(station, hindrance, places, edges.length, holds)
 
 
@@ -438,7 +428,7 @@ def _nearest_point_of_bead(bead: PlannedBead, s: float, edges: GrooveEdges) -> t
     return i, float(away[i])
 
 
-def _turned_within_limits(q: Array, station: WeldingStation) -> Array:
+def _turn_joints_within_limits(q: Array, station: WeldingStation) -> Array:
     """Joint angles of a path, shape (k, n), whole turns on so that they are within their limits."""
     arm = station.kinematics
     middle = 0.5 * (arm.lower + arm.upper)

@@ -83,7 +83,7 @@ def add_file_to_plan_errors(wps_file: Path, sections: Path) -> Iterator[None]:
         raise ConfigurationError(error.message, file=named, key=error.key) from None
 
 
-def _check_stated_passes(sections: Sequence[MeasuredSection], after_pass: int) -> None:
+def _check_passes_are_stated(sections: Sequence[MeasuredSection], after_pass: int) -> None:
     """Refuse a groove with weld in it if no passes are stated: its root would be welded again."""
     welded = [k for k, one in enumerate(sections, 1) if WELD_IN_GROOVE in one.conditions]
     if welded and not after_pass:
@@ -146,11 +146,14 @@ class DividedPlan:
         As in ``plan.json``.
     paths : dict of str to StationPath
         Of each station that has a program, by the program's file.
+    without_stations : str
+        Why there are no stations.
     """
 
     plan: WeldPlan
     stations: tuple[StationEntry, ...] = ()
     paths: dict[str, StationPath] = field(default_factory=dict)
+    without_stations: str = ""
 
 
 def divide_plan(
@@ -250,12 +253,9 @@ class WrittenPlan:
         """Lengths that no station reaches, if that was looked for; metres."""
         if not self.document.stations:
             return ()
-        found = [
-            bead
-            for bead in self.plan.beads
-            if bead.station == UNREACHED_STATION and bead.layer == 1
-        ]
-        return tuple((float(bead.s.min()), float(bead.s.max())) for bead in found)
+        unreached = (bead for bead in self.plan.beads if bead.station == UNREACHED_STATION)
+        spans = (bead.s for bead in unreached if bead.layer == 1)
+        return tuple((float(s.min()), float(s.max())) for s in spans)
 
 
 def write_plan(
@@ -266,7 +266,6 @@ def write_plan(
     provenance: Provenance,
     texts: Mapping[str, str],
     details: Sequence[DetailStretch] = (),
-    without_stations: str = "",
 ) -> WrittenPlan:
     """Write document, picture and table of a plan, and the weldx file if weldx is installed.
 
@@ -286,16 +285,14 @@ def write_plan(
         Name and text of each further file.
     details : sequence of DetailStretch, optional
         How the groove compares with the WPS's table.
-    without_stations : str, optional
-        Why there are no stations.
     """
     from tjscan.planning.picture import draw_plan
     from tjscan.result.picture import write_png
 
     plan, folder, name = divided.plan, out or directory, directory.resolve().name
     label = f"{plan.wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    stations = divided.stations
-    document = plan_document(plan, provenance, name, label, details, stations, without_stations)
+    places = divided.stations, divided.without_stations
+    document = plan_document(plan, provenance, name, label, details, *places)
     with write_files_atomically(folder, last=PLAN_FILE, instead_of=STALE_PLAN_FILES) as draft:
         for file, text in texts.items():
             (draft / file).write_text(text, encoding="utf-8")
@@ -349,7 +346,7 @@ def plan_run(
     wps = read_wps(wps_file)
     summary, sections = read_finished_sections(directory)
     with add_file_to_plan_errors(wps_file, directory / SECTIONS_FILE):
-        _check_stated_passes(sections, after_pass)
+        _check_passes_are_stated(sections, after_pass)
         # By what the areas of all sections err alike, m²; 0 if that is not known.
         parts = () if summary.uncertainty is None else summary.uncertainty.components
         areas = [part.area_mm2 for part in parts if part.shared]
@@ -359,32 +356,31 @@ def plan_run(
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
         details = check_wps_details(directory, sections, edges, wps)
-        divided, without = DividedPlan(plan), "" if reach else "reach was not asked for"
-        arms: tuple[WeldingStation, ...] = ()
+        divided = DividedPlan(plan, without_stations="reach was not asked for")
         if reach:
             try:
                 arms = welding_stations(directory, summary.frame)
             except ConfigurationError as error:
-                without = str(error)
-        if arms:
-            replan = partial(plan_weld, edges, wps, gravity, marks, after_pass=after_pass)
-            divided = divide_plan(arms, plan, sections, replan)
+                divided = DividedPlan(plan, without_stations=str(error))
+            else:
+                replan = partial(plan_weld, edges, wps, gravity, marks, after_pass=after_pass)
+                divided = divide_plan(arms, plan, sections, replan)
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     head = "".join(provenance.comment_lines("#").splitlines(keepends=True)[:3])  # no frame, units
     programs = {
         name: head + path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
         for name, path in divided.paths.items()
     }
-    return write_plan(directory, out, wps_file, divided, provenance, programs, details, without)
+    return write_plan(directory, out, wps_file, divided, provenance, programs, details)
 
 
-AVERAGING_LENGTH: Final = 20e-3
+AVERAGED_LENGTH: Final = 20e-3
 """Metres along the joint whose profiles make a section."""
 
 FEWEST_PROFILES: Final = 3
 """Profiles that make one."""
 
-MEDIAN_DEPTH_REACH: Final = 0.1
+DEPTH_MEDIAN_HALF_WINDOW: Final = 0.1
 """Metres to either side of a place whose median depth is usual there: no tack is half as long."""
 
 CRAWL_PLAN_FRAME: Final = "c"
@@ -434,20 +430,13 @@ def plan_crawl_run(
         edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
         passes = crawl_passes_of_plan(plan)
-    provenance = Provenance.for_file_written_now(
-        job_label_of_run(directory), CRAWL_PLAN_FRAME, "mm"
-    )
+    label = job_label_of_run(directory)
+    provenance = Provenance.for_file_written_now(label, CRAWL_PLAN_FRAME, "mm")
     begin, end = 1e3 * start, 1e3 * (start + edges.length)
-    text = (
-        provenance.comment_lines("#")
-        + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
-        + passes_to_toml(passes, wps.name)
-    )
-    texts, without = {CRAWL_PASSES_FILE: text}, f"a crawl job takes {CRAWL_PASSES_FILE}"
-    divided = DividedPlan(plan)
-    return write_plan(
-        directory, out, wps_file, divided, provenance, texts, without_stations=without
-    )
+    head = f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
+    text = provenance.comment_lines("#") + head + passes_to_toml(passes, wps.name)
+    divided = DividedPlan(plan, without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}")
+    return write_plan(directory, out, wps_file, divided, provenance, {CRAWL_PASSES_FILE: text})
 
 
 def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:
@@ -511,9 +500,9 @@ def butt_joint_edges(
     readings = _read_along_weld(seen, length)
     places = np.array([at for at, _ in readings])
     depths = np.array([reading.depth_left for _, reading in readings])
-    usual = [np.median(depths[np.abs(places - at) <= MEDIAN_DEPTH_REACH]) for at in places]
+    usual = [np.median(depths[np.abs(places - at) <= DEPTH_MEDIAN_HALF_WINDOW]) for at in places]
     higher = np.array(usual) - depths
-    station = (places / AVERAGING_LENGTH).astype(int)
+    station = (places / AVERAGED_LENGTH).astype(int)
     middles, tacked, rows = [], [], []
     for k in np.unique(station):
         is_there = station == k
@@ -525,13 +514,13 @@ def butt_joint_edges(
     if len(rows) < FEWEST_PROFILES + 1:
         raise ConfigurationError(
             f"the joint's edges and root were read at {len(rows)} stations of "
-            f"{1e3 * AVERAGING_LENGTH:.0f} mm along the weld; {FEWEST_PROFILES + 1} or more are "
+            f"{1e3 * AVERAGED_LENGTH:.0f} mm along the weld; {FEWEST_PROFILES + 1} or more are "
             "needed",
             key="profiles",
         )
     means, spreads, area_sigmas = [], [], []
     for row in rows:
-        flat = np.stack([_trapezoid_of_reading(reading) for _, reading in row])
+        flat = np.stack([_groove_corners_of_reading(reading) for _, reading in row])
         areas = np.array([reading.area_left for _, reading in row])
         along = np.full((4, 1), np.mean([at for at, _ in row]))
         means.append(np.hstack((along, flat.mean(axis=0) * (1, -1))))
@@ -557,7 +546,7 @@ def _read_along_weld(seen: PlacedProfiles, length: float) -> list[tuple[float, B
     return found
 
 
-def _trapezoid_of_reading(reading: ButtJointReading) -> Array:
+def _groove_corners_of_reading(reading: ButtJointReading) -> Array:
     """p3, p4, g and p2 across the joint from its centre, and out of the hull, shape (4, 2)."""
     across, into = reading.joint_coordinates(*reading.edges.T)
     width = float(across[1] - across[0])

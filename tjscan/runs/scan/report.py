@@ -11,14 +11,14 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.devices import DriverKind
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.reader import RecordingDamage
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE, SUMMARY_FILE
 from tjscan.result.summary import check_recording_complete, read_summary
-from tjscan.runs.run import COPIED_FILES
+from tjscan.runs.run import RUN_INPUT_FILES
 from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection
@@ -26,7 +26,7 @@ from tjscan.scanning.section import ScannedSection
 EVENTS_WITHOUT_WARNING: Final = (ScanEvent.STOP, ScanEvent.RESUMED, ScanEvent.PAUSED, "arm")
 """Events that are no warning."""
 
-COUNTED_EVENTS: Final = (ScanEvent.HALF_STEP,)
+EVENTS_COUNTED_IN_SUMMARY: Final = (ScanEvent.HALF_STEP,)
 """Events that the summary counts: the report reads them there."""
 
 
@@ -35,7 +35,7 @@ def scan_chapter(directory: Path) -> ReportChapter:
     if not (directory / RECORDING_FILE).is_file():
         return ReportChapter()
     damages: list[RecordingDamage] = []
-    check_as_written(*(directory / name for name in COPIED_FILES))
+    check_files_unaltered(*(directory / name for name in RUN_INPUT_FILES))
     job = read_scan_job(directory / JOB_FILE)
     log = read_recorded_scan(directory, damages.append)
     check_recording_complete(directory, read_summary(directory / SUMMARY_FILE), len(log.sections))
@@ -67,7 +67,7 @@ def _scan_in_words(job: ScanJob) -> str:
 
 def _scan_findings(job: ScanJob, events: Sequence[RunEvent]) -> Iterator[str]:
     for name, count in Counter(event.name for event in events).items():
-        if name not in (*EVENTS_WITHOUT_WARNING, *COUNTED_EVENTS):
+        if name not in (*EVENTS_WITHOUT_WARNING, *EVENTS_COUNTED_IN_SUMMARY):
             times = "" if count == 1 else f", {count} times"
             yield f"An event was recorded: {name}{times}. See the events."
     kinds = {job.arm.driver_kind, job.laser.driver_kind}

@@ -15,7 +15,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingError
 from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.job.cell import SensorMount
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.parts import recording_files
@@ -122,8 +122,8 @@ def reprocess_run(
         If the stations can't be stitched any more.
     """
     job_file = directory / JOB_FILE
-    refuse_links_outside(directory, *run.COPIED_FILES)
-    check_as_written(*(directory / name for name in run.COPIED_FILES))
+    refuse_links_outside(directory, *run.RUN_INPUT_FILES)
+    check_files_unaltered(*(directory / name for name in run.RUN_INPUT_FILES))
     why = "is about how the profiles were taken, and they are taken"
     run.refuse_fixed_keys(overrides, REPROCESSABLE_KEY_PREFIXES, why, job_file)
     out = out or dated_sibling_directory(directory)
@@ -147,8 +147,8 @@ def reprocess_run(
 def _reprocess_station(context: ScanContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
     context, directory = context.at_station(), context.job_file.parent
-    refuse_links_outside(directory, *run.COPIED_FILES)
-    check_as_written(*(directory / name for name in run.COPIED_FILES))
+    refuse_links_outside(directory, *run.RUN_INPUT_FILES)
+    check_files_unaltered(*(directory / name for name in run.RUN_INPUT_FILES))
     with add_file_to_errors(context.job_file):
         mount = context.sensor_mount
         _refuse_other_kinematics(mount, directory)

@@ -21,10 +21,9 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result import directory as run_files
 from tjscan.result.picture import write_png
-from tjscan.result.ply import write_cloud_ply
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics, write_budget, write_summary
-from tjscan.result.table import write_sections_csv
+from tjscan.result.table import write_cloud_ply, write_sections_csv
 from tjscan.scanning import journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep

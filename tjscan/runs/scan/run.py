@@ -152,20 +152,10 @@ def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
 
 
 RESUMABLE_KEYS: Final = (
-    "scan.length_mm",
-    "scan.sections",
-    "scan.step_mm",
-    "scan.prediction_case",
-    "scan.resume_tolerance_mm",
-    "scan.skip.",
-    "scan.adaptive.",
-    "arm.uncertainty.",
-    "arm.speed_mm_s",
-    "arm.acceleration_mm_s2",
-    "arm.ur.",
-    "laser.uncertainty.",
-    "clearance.",
-    "simulation.",
+    *(f"scan.{key}" for key in ("length_mm", "sections", "step_mm", "prediction_case")),
+    *(f"scan.{key}" for key in ("resume_tolerance_mm", "skip.", "adaptive.")),
+    *(f"arm.{key}" for key in ("uncertainty.", "speed_mm_s", "acceleration_mm_s2", "ur.")),
+    *("laser.uncertainty.", "clearance.", "simulation."),
 )
 """Keys that may change while a scan goes on."""
 
@@ -272,7 +262,7 @@ def resume_scan(context: ScanContext, overrides: Iterable[str] = ()) -> ScanSumm
         As `run_scan` does.
     """
     directory = context.job_file.parent
-    refuse_links_outside(directory, *run.COPIED_FILES)
+    refuse_links_outside(directory, *run.RUN_INPUT_FILES)
     check_keys_replaceable(overrides, context.job_file)
     with add_file_to_errors(context.job_file), lock_and_clean_directory(directory):
         context = context.at_station()
@@ -399,10 +389,8 @@ def write_scan_results(context: ScanContext, directory: Path, result: ScanResult
         results.sections_in_result_frame(result.sections, frame, station)
     )
     points = results.all_profile_points(result.sections, frame)
-    error, calibration = (
-        results.corner_errors(sections, joint),
-        results.calibration_label(directory),
-    )
+    error = results.corner_errors(sections, joint)
+    calibration = results.calibration_label(directory)
     uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
     summary = results.summarise_scan(result, job.scan, frame, error, calibration, uncertainty)
     middle = result.sections[len(result.sections) // 2]

@@ -40,15 +40,7 @@ from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import Substep
 from tjscan.scanning.target import ScanDirection
-from tjscan.study.trial import (
-    HIDDEN_FIELD,
-    ReportedQuantity,
-    ResolvedRun,
-    RunOutcome,
-    StudyBackend,
-    canonical_json,
-    drop_file_from_study_key_errors,
-)
+from tjscan.study import trial
 
 
 class DerivedKeySettings(StrictFileModel):
@@ -308,7 +300,7 @@ def teach_start_poses(
     if job.joint is None or job.simulation is None or job.simulation.arm is None:
         raise ConfigurationError("a taught start needs [joint] and [simulation]")
     definition, plan = joint.definition("joint"), job.scan
-    which = canonical_json([joint.model_dump(mode="json"), plan.direction])
+    which = trial.canonical_json([joint.model_dump(mode="json"), plan.direction])
     digest = int.from_bytes(hashlib.sha256(which.encode()).digest()[:8])  # other for every joint
     random = np.random.default_rng([job.simulation.seed, TEACHING_RANDOM_STREAM, digest])
     azimuth_deg = round(float(random.uniform(-180, 180)), 3)  # drawn in any case: the rest stays
@@ -339,12 +331,12 @@ def teach_start_poses(
         # At home the arm looks at the middle of the arc.
         (middle,) = azimuths_at_plan_shares(definition, azimuth, plan, [0.5])
         T_b_j = T_b_s_home @ inverse_pose(ideal_sensor_pose(definition, middle, plan))
-        changed["joint"] = {"file": job.joint.file} | _pose_table(T_b_j)
-    first, second = (_pose_table(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
+        changed["joint"] = {"file": job.joint.file} | _pose_to_table(T_b_j)
+    first, second = (_pose_to_table(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
     return azimuth_deg, changed | {"scan": scan | {"first": first, "second": second}}
 
 
-def _pose_table(T: Array) -> dict[str, Any]:
+def _pose_to_table(T: Array) -> dict[str, Any]:
     """A pose as files write it, to a micrometre and a microdegree."""
     position, angles = frames.pose_to_euler_zyx(T)
     return {
@@ -371,7 +363,7 @@ class StudyScanSettings:
     def to_canonical_json_text(self) -> str:
         """The settings as canonical JSON text."""
         joint = self.joint.model_dump(mode="json")
-        return canonical_json({"job": table_to_dict(self.job), "joint": joint})
+        return trial.canonical_json({"job": table_to_dict(self.job), "joint": joint})
 
     @classmethod
     def from_json_text(cls, text: str) -> Self:
@@ -384,7 +376,7 @@ FlangePath = tuple[tuple[float, float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class ScanOutcome(RunOutcome):
+class ScanOutcome(trial.RunOutcome):
     """Outcome of one scan of a study. Lengths in millimetres, angles in degrees.
 
     Travel, rotation and time run from the second taught pose on.
@@ -436,7 +428,7 @@ class ScanOutcome(RunOutcome):
     motion_time_s: float | None = None
     corner_mean_mm: float | None = None
     corner_p95_mm: float | None = None
-    path: FlangePath = field(default=(), metadata=HIDDEN_FIELD)
+    path: FlangePath = field(default=(), metadata=trial.HIDDEN_COLUMN_METADATA)
 
     def __post_init__(self) -> None:
         # JSON holds lists.
@@ -445,13 +437,13 @@ class ScanOutcome(RunOutcome):
 
 SUMMARY_COUNTS: Final = ("sections", "scans", "half_steps")
 SUMMARY_FIELDS: Final = ("complete", "detail", *SUMMARY_COUNTS, "groove_length_mm", "motion_time_s")
-"""Fields of an outcome that are those of the scan's summary."""
+"""Fields that an outcome takes from the scan's summary."""
 
 MOST_CACHED_EDGES = 4
 """Joints whose edges a process keeps: trials of one joint follow each other."""
 
 
-def run_study_scan(settings: StudyScanSettings) -> ScanOutcome:
+def scan_for_study(settings: StudyScanSettings) -> ScanOutcome:
     """Execute one scan of a study and return its outcome.
 
     Raises
@@ -510,12 +502,12 @@ _cached_feature_edges = lru_cache(maxsize=MOST_CACHED_EDGES)(feature_edges)
 
 STEP_KEY: Final = "scan.step_mm"
 JOINT_PREFIX: Final = "joint."
-RULE_PREFIX: Final = "rule."
-JOINT_TABLES: Final = tuple(JointFile.model_fields)
+DERIVED_RULE_PREFIX: Final = "rule."
+JOINT_FILE_TABLES: Final = tuple(JointFile.model_fields)
 AZIMUTH_KEY: Final = "rule.start_azimuth_deg"
 
 
-class ScanStudyBackend(StudyBackend[ScanOutcome]):
+class ScanStudyBackend(trial.StudyBackend[ScanOutcome]):
     """How scans are resolved, executed and reported in a study.
 
     Keys are from the job file, from the joint's file below ``joint.``
@@ -525,15 +517,15 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
     outcome = ScanOutcome
     seed = "simulation.seed"
     measures = (
-        ReportedQuantity("profiles per section", lambda m: m.scans_per_section, ".2f"),
-        ReportedQuantity("mean step error / %", lambda m: m.step_error_percent, "+.2f"),
-        ReportedQuantity("mean corner error / mm", lambda m: m.corner_mean_mm, ".3f"),
+        trial.ReportedQuantity("profiles per section", lambda m: m.scans_per_section, ".2f"),
+        trial.ReportedQuantity("mean step error / %", lambda m: m.step_error_percent, "+.2f"),
+        trial.ReportedQuantity("mean corner error / mm", lambda m: m.corner_mean_mm, ".3f"),
     )
 
-    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
+    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> trial.ResolvedRun:
         """Resolve and check the settings of one scan; see `StudyBackend.resolve_run`."""
         job_keys, joint_keys, rules = _split_keys(keys)
-        with drop_file_from_study_key_errors(job_keys):
+        with trial.drop_file_from_study_key_errors(job_keys):
             job = read_scan_job(job_file, job_keys)
         simulates = job.simulation is not None and job.arm.driver_kind is DriverKind.SIMULATED
         if job.joint is None or not simulates:
@@ -552,11 +544,13 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
         if job.calibration.file is not None:
             changed["calibration"] = {"T_f_s_mm": pose_to_rows_mm(mount.T_f_s)}
         resolved = validate_table(ScanJob, table_to_dict(job) | changed)
-        return ResolvedRun(StudyScanSettings(resolved, joint).to_canonical_json_text(), followed)
+        return trial.ResolvedRun(
+            StudyScanSettings(resolved, joint).to_canonical_json_text(), followed
+        )
 
     def execute_run(self, settings: str) -> ScanOutcome:
         """Execute one scan; see `StudyBackend.execute_run`."""
-        return run_study_scan(StudyScanSettings.from_json_text(settings))
+        return scan_for_study(StudyScanSettings.from_json_text(settings))
 
 
 SCAN_STUDY: Final = ScanStudyBackend()
@@ -569,17 +563,17 @@ def _split_keys(
     job, joint, rule = {}, {}, {}
     for key, value in keys.items():
         table, _, inner = key.removeprefix(JOINT_PREFIX).partition(".")
-        if key.startswith(RULE_PREFIX):
-            rule[key.removeprefix(RULE_PREFIX)] = value
-        elif key.startswith(JOINT_PREFIX) and inner and table in JOINT_TABLES:
+        if key.startswith(DERIVED_RULE_PREFIX):
+            rule[key.removeprefix(DERIVED_RULE_PREFIX)] = value
+        elif key.startswith(JOINT_PREFIX) and inner and table in JOINT_FILE_TABLES:
             joint[key.removeprefix(JOINT_PREFIX)] = value
         elif key.startswith(JOINT_PREFIX) and table not in JointSettings.file_key_types():
-            nearest = nearest_word(table, (*JOINT_TABLES, *JointSettings.file_key_types()))
+            nearest = nearest_word(table, (*JOINT_FILE_TABLES, *JointSettings.file_key_types()))
             reason = f"unknown key; did you mean: {JOINT_PREFIX}{nearest}?"
             raise ConfigurationError(reason, key=key)
         else:
             job[key] = value
-    with _prefix_error_keys(RULE_PREFIX):
+    with _prefix_error_keys(DERIVED_RULE_PREFIX):
         return job, joint, validate_table(DerivedKeySettings, rule)
 
 

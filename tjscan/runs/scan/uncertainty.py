@@ -22,7 +22,7 @@ UNKNOWN_MOUNT_TEXT = (
     "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
 )
 CALIBRATED_EVIDENCE = "calibrated"
-UNKNOWN_JOINT_POSE_TEXT = "where the joint stands: the job states it without its uncertainty"
+UNKNOWN_JOINT_POSE_TEXT = "where the joint is: the job states it without its uncertainty"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

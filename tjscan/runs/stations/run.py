@@ -88,7 +88,7 @@ def run_stations(
     TjscanError
         As `run_scan` does; the stations that were scanned before are whole.
     """
-    _check_cells(context)
+    _check_cells_at_stations(context)
     context.make_run_directory(directory)
     made = replace(context, job=read_scan_job(directory / JOB_FILE), job_file=directory / JOB_FILE)
     return resume_stations(made, {}, operator, watch)
@@ -126,10 +126,10 @@ def resume_stations(
     """
     job, job_file = context.job, context.job_file
     directory = job_file.parent
-    refuse_links_outside(directory, *run.COPIED_FILES)
+    refuse_links_outside(directory, *run.RUN_INPUT_FILES)
     check_keys_replaceable(overrides, job_file)
     refuse_links_outside(directory, *job.station_names)
-    _check_cells(context)
+    _check_cells_at_stations(context)
     if only is not None:
         with add_file_to_errors(job_file):
             job.job_at_station(only)
@@ -138,7 +138,7 @@ def resume_stations(
             found = _read_station_scan(directory, name)
             if found.is_complete:
                 continue
-            if context.stop.ends_after_section or not _is_arm_there(job, found, operator):
+            if context.stop.ends_after_section or not _is_arm_at_station(job, found, operator):
                 break
             there = context.at_station(name)
             try:
@@ -183,7 +183,7 @@ def stitch_station_runs(
             raise
 
 
-def _check_cells(context: ScanContext) -> None:
+def _check_cells_at_stations(context: ScanContext) -> None:
     """Check that a cell can be made at every station; connect none."""
     if context.job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
@@ -200,7 +200,7 @@ def _read_station_scan(directory: Path, name: str) -> StationScan:
     return StationScan(name, file.parent, read_summary(file) if file.is_file() else None)
 
 
-def _is_arm_there(job: ScanJob, station: StationScan, operator: StationOperator) -> bool:
+def _is_arm_at_station(job: ScanJob, station: StationScan, operator: StationOperator) -> bool:
     """Whether the arm is there: it is at the first station, and at one that was cut short."""
     i = job.station_names.index(station.name)
     if i == 0 or (station.directory / JOB_FILE).is_file():

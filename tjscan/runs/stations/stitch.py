@@ -21,7 +21,7 @@ from tjscan.core.frames import (
     rotation_angle_between,
     transform_points,
 )
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.provenance import Provenance
 from tjscan.job.files import read_scan_job
 from tjscan.joint.definition import JointDefinition
@@ -31,17 +31,13 @@ from tjscan.result import summary as results
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
+from tjscan.runs.run import RUN_INPUT_FILES, WhenFinished, do_nothing
 from tjscan.runs.scan.results import all_profile_points, corner_errors, write_run_results
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.recording import read_recorded_scan
+from tjscan.stitching import registration
 from tjscan.stitching.picture import draw_stitching
-from tjscan.stitching.registration import (
-    StationRegistration,
-    StitchingDraft,
-    point_covariance_from_pose,
-)
 from tjscan.stitching.stations import (
     DEFAULT_STITCH_SETTINGS,
     Station,
@@ -107,7 +103,7 @@ def _station_report(
     station, tubes = one.fit.station, one.fit.tubes
     meant = inverse_pose(first.fit.station.T_w_b) @ station.T_w_b
     found = inverse_pose(first.T_j_b) @ one.T_j_b
-    at_groove = point_covariance_from_pose(one.covariance, middle)
+    at_groove = registration.point_covariance_from_pose(one.covariance, middle)
     return results.StationPlacement(
         name=station.name,
         source=source,
@@ -127,7 +123,7 @@ def _station_report(
 
 
 def _overlap_report(
-    edge: StationRegistration, names: tuple[str, ...], gap: float
+    edge: registration.StationRegistration, names: tuple[str, ...], gap: float
 ) -> results.OverlapReport:
     overlap = edge.overlap
     units = np.repeat((1e3, 180 / np.pi), 3)
@@ -235,7 +231,7 @@ def stitch_run_directories(
     try:
         stitched = StitchedGroove([one.station for one in read], settings)
     except StitchingRefused as error:
-        if isinstance(error.draft, StitchingDraft):
+        if isinstance(error.draft, registration.StitchingDraft):
             with write_files_atomically(directory) as draft:
                 write_png(draft / run_files.STATIONS_PICTURE, draw_stitching(error.draft))
             error.add_note(f"{directory / run_files.STATIONS_PICTURE} shows it")
@@ -268,7 +264,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.
-        check_as_written(job_file := run / run_files.JOB_FILE)
+        check_files_unaltered(job_file := run / run_files.JOB_FILE)
         names = read_scan_job(job_file).station_names if job_file.is_file() else ()
         folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
         if not folders:
@@ -280,7 +276,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / run_files.JOB_FILE
-    check_as_written(*(directory / name for name in COPIED_FILES))
+    check_files_unaltered(*(directory / name for name in RUN_INPUT_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         if len(job.station) != 1:
@@ -304,14 +300,9 @@ def read_station_run(directory: Path) -> StationRun:
     station = station_from_recording(job.station[0].name, job.T_w_b, sections, done.views, read)
     with add_file_to_errors(job_file):
         causes = causes_of_job(job, context.sensor_mount, station.all_sections)
-    return StationRun(
-        directory,
-        replace(station, causes=causes.shared),
-        summary,
-        joint,
-        causes.left_out,
-        (job.arm.device_id, job.laser.device_id, str(context.sensor_mount.T_f_s.tolist())),
-    )
+    station = replace(station, causes=causes.shared)
+    devices = job.arm.device_id, job.laser.device_id, str(context.sensor_mount.T_f_s.tolist())
+    return StationRun(directory, station, summary, joint, causes.left_out, devices)
 
 
 def _copy_runs_from_elsewhere(
@@ -320,30 +311,27 @@ def _copy_runs_from_elsewhere(
     """Copy the runs from elsewhere, and the joint, into the directory of the result."""
     with write_files_atomically(directory, listed=True) as draft:
         for one in read:
-            if not _is_inside(directory, one):
+            if not _is_station_inside(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
         file = read[0].directory / run_files.JOINT_FILE
         if joint is not None and file.is_file() and not (directory / run_files.JOINT_FILE).exists():
             shutil.copyfile(file, draft / run_files.JOINT_FILE)
 
 
-def _is_inside(directory: Path, one: StationRun) -> bool:
+def _is_station_inside(directory: Path, one: StationRun) -> bool:
     return one.directory.resolve().parent == directory.resolve()
 
 
 def _folder_in_result(directory: Path, one: StationRun) -> str:
     """What a station's run is called inside the result, wherever that is moved to."""
-    return one.directory.resolve().name if _is_inside(directory, one) else one.station.name
+    return one.directory.resolve().name if _is_station_inside(directory, one) else one.station.name
 
 
 def stitched_profile_points(stitched: StitchedGroove) -> Array:
     """All profile points of the stations, shape (n, 3), metres, in frame j."""
-    return np.concatenate(
-        [
-            all_profile_points(one.fit.station.sections, JointOrBaseFrame(inverse_pose(one.T_j_b)))
-            for one in stitched.stations
-        ]
-    )
+    scans = [one.fit.station.sections for one in stitched.stations]
+    frames = [JointOrBaseFrame(inverse_pose(one.T_j_b)) for one in stitched.stations]
+    return np.concatenate(list(map(all_profile_points, scans, frames)))
 
 
 def _write_stitched_run(

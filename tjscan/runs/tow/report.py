@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
+from tjscan.core.manifest import check_files_unaltered
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import REPLAY_EVENT
 from tjscan.result.chapter import (
@@ -45,8 +45,8 @@ PUBLISHED_MEAN_OBJECTIVE: Final = 3.5
 PUBLISHED_PLANNING_TIME_MS: Final = 1e3 / 22
 """Milliseconds of a plan in the paper, figure 10."""
 
-MISTRUSTED_EVENTS: Final = ("stands", "off plan", "slips", "moved", "noisy poses")
-"""Events of vehicles that do otherwise than they are told, and of poses that are not as stated."""
+MISTRUSTED_EVENTS: Final = ("stopped", "off plan", "slips", "moved", "noisy poses")
+"""Events of vehicles that do not follow their commands, and of poses that are not as stated."""
 
 OBJECTIVE_TERM_LABELS: Final = {
     "paper": "f",
@@ -62,7 +62,7 @@ def tow_chapter(directory: Path) -> ReportChapter:
     """Make a tow's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / f"{TOW_RECORDING}.mcap").is_file():
         return ReportChapter()
-    check_as_written(directory / JOB_FILE)
+    check_files_unaltered(directory / JOB_FILE)
     job, found = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory)
     figures = found.figures(job)
     if figures is None:

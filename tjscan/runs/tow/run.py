@@ -14,7 +14,13 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell, sweep_seam
+from tjscan.job.tow.cell import (
+    TowCell,
+    check_seam,
+    fixed_obstacles,
+    make_shape_planner,
+    make_tow_cell,
+)
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import REPLAY_EVENT, Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
@@ -99,8 +105,8 @@ def run_tow(context: TowContext, directory: Path) -> None:
     """
     job = context.job
     with add_file_to_errors(context.job_file):
-        planner = make_planner(job)
-        sweep = sweep_seam(job, planner)
+        planner = make_shape_planner(job)
+        sweep = check_seam(job, planner)
         sweep.refuse_if_blocked()
         cell = make_tow_cell(job, sweep.start.angles)
         run.make_vehicle_run_directory(directory, context)
@@ -129,9 +135,9 @@ def resume_tow(context: TowContext) -> None:
     last = next((c for c in reversed(recorded.cycles) if not c.plan.halt), recorded.cycles[-1])
     is_edited = _is_job_edited(directory)
     with add_file_to_errors(context.job_file):
-        planner = make_planner(context.job)
+        planner = make_shape_planner(context.job)
         if is_edited:
-            sweep_seam(context.job, planner, last.along, last.plan).refuse_if_blocked()
+            check_seam(context.job, planner, last.along, last.plan).refuse_if_blocked()
         left = recorded.truths[-1] if recorded.truths else None
         cell = make_tow_cell(context.job, last.plan.angles, left)
     hauled = PLAN_PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
@@ -213,7 +219,7 @@ def replay_tow(
     run.check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
-        planner = make_planner(context.job)
+        planner = make_shape_planner(context.job)
     entries = list(read_tow(directory))
     run.make_vehicle_run_directory(out, context)
     origin = run.job_snapshot_of_file(out / JOB_FILE)
@@ -227,7 +233,7 @@ def replay_tow(
         last = min(starts, key=lambda plan: np.hypot(*(plan.held_poses - began)[:, :2].T).mean())
     with lock_and_clean_directory(out):
         with TowRecording(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
-            journal.record(RunEvent(REPLAY_EVENT, f"planned anew from {directory}; nothing moved"))
+            journal.record(RunEvent(REPLAY_EVENT, f"planned again from {directory}; nothing moved"))
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):

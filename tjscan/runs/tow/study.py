@@ -10,24 +10,17 @@ from typing import Any, Final
 
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError, TowHalted, VehicleFault
-from tjscan.job.tow.cell import make_planner, make_tow_cell, sweep_seam
+from tjscan.job.tow.cell import check_seam, make_shape_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.runs.tow.results import key_figures_of_tow
 from tjscan.runs.tow.run import make_tow
-from tjscan.study.trial import (
-    ReportedQuantity,
-    ResolvedRun,
-    RunOutcome,
-    StudyBackend,
-    canonical_json,
-    drop_file_from_study_key_errors,
-)
+from tjscan.study import trial
 from tjscan.towing.journal import TowCycle, TowTruth
 
 
 @dataclass(frozen=True, slots=True)
-class TowOutcome(RunOutcome):
-    """Outcome of one tow of a study: the figures of `TowKeyFigures`, None where not known.
+class TowOutcome(trial.RunOutcome):
+    """Outcome of one tow of a study: the figures of `TowKeyFigures`, None if not known.
 
     Parameters
     ----------
@@ -80,7 +73,7 @@ class InMemoryTowJournal:
             self.truths.append(self._truth())
 
 
-def run_study_tow(job: TowJob) -> TowOutcome:
+def tow_for_study(job: TowJob) -> TowOutcome:
     """Execute one tow of a study and return its outcome; nothing is written.
 
     Parameters
@@ -93,8 +86,8 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     ConfigurationError
         If such a tow can't be.
     """
-    planner = make_planner(job)
-    sweep = sweep_seam(job, planner)
+    planner = make_shape_planner(job)
+    sweep = check_seam(job, planner)
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     assert cell.truth is not None
@@ -112,38 +105,40 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     return TowOutcome(*ended, **{k: found[k] for k in wanted})  # type: ignore[arg-type]
 
 
-class TowStudyBackend(StudyBackend[TowOutcome]):
+class TowStudyBackend(trial.StudyBackend[TowOutcome]):
     """How tows are resolved, executed and reported in a study; keys are as in the job file."""
 
     outcome = TowOutcome
     seed = "simulation.seed"
     measures = (
-        ReportedQuantity("seam welded / mm", lambda m: m.welded_mm, ".0f"),
-        ReportedQuantity("waited / s", lambda m: m.waited_s, ".1f"),
-        ReportedQuantity("plans a second", lambda m: m.plan_hz, ".0f"),
-        ReportedQuantity("objective f, mean of 100", lambda m: m.objective, ".2f"),
-        ReportedQuantity("towing speed asked, fastest / mm/s", lambda m: m.asked_mm_s, ".1f"),
-        ReportedQuantity("force on the welder, mean / N", lambda m: m.force_mean_n, ".1f"),
-        ReportedQuantity("force on the welder, largest / N", lambda m: m.force_max_n, ".1f"),
-        ReportedQuantity("welder off its line / mm", lambda m: m.welder_off_mm, ".2f"),
-        ReportedQuantity("estimate, mean a joint / °", lambda m: m.estimate_deg, ".2f"),
-        ReportedQuantity("joint angle, largest / °", lambda m: m.bend_deg, ".1f"),
-        ReportedQuantity("clearance of links, least / mm", lambda m: m.link_clearance_mm, ".0f"),
-        ReportedQuantity("gap between vehicles / mm", lambda m: m.vehicle_gap_mm, ".0f"),
-        ReportedQuantity("touches", lambda m: m.touches, ".0f"),
+        trial.ReportedQuantity("seam welded / mm", lambda m: m.welded_mm, ".0f"),
+        trial.ReportedQuantity("waited / s", lambda m: m.waited_s, ".1f"),
+        trial.ReportedQuantity("plans a second", lambda m: m.plan_hz, ".0f"),
+        trial.ReportedQuantity("objective f, mean of 100", lambda m: m.objective, ".2f"),
+        trial.ReportedQuantity("towing speed asked, fastest / mm/s", lambda m: m.asked_mm_s, ".1f"),
+        trial.ReportedQuantity("force on the welder, mean / N", lambda m: m.force_mean_n, ".1f"),
+        trial.ReportedQuantity("force on the welder, largest / N", lambda m: m.force_max_n, ".1f"),
+        trial.ReportedQuantity("welder off its line / mm", lambda m: m.welder_off_mm, ".2f"),
+        trial.ReportedQuantity("estimate, mean a joint / °", lambda m: m.estimate_deg, ".2f"),
+        trial.ReportedQuantity("joint angle, largest / °", lambda m: m.bend_deg, ".1f"),
+        trial.ReportedQuantity(
+            "clearance of links, least / mm", lambda m: m.link_clearance_mm, ".0f"
+        ),
+        trial.ReportedQuantity("gap between vehicles / mm", lambda m: m.vehicle_gap_mm, ".0f"),
+        trial.ReportedQuantity("touches", lambda m: m.touches, ".0f"),
     )
 
-    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
+    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> trial.ResolvedRun:
         """Resolve and check the settings of one tow; see `StudyBackend.resolve_run`."""
-        with drop_file_from_study_key_errors(keys):
+        with trial.drop_file_from_study_key_errors(keys):
             job = read_tow_job(job_file, dict(keys))
         if job.vehicles.driver != "simulated":
             raise ConfigurationError("a study simulates", key="vehicles.driver")
-        return ResolvedRun(canonical_json(table_to_dict(job)), {})
+        return trial.ResolvedRun(trial.canonical_json(table_to_dict(job)), {})
 
     def execute_run(self, settings: str) -> TowOutcome:
         """Execute one tow; see `StudyBackend.execute_run`."""
-        return run_study_tow(validate_table(TowJob, json.loads(settings)))
+        return tow_for_study(validate_table(TowJob, json.loads(settings)))
 
 
 TOW_STUDY: Final = TowStudyBackend()

@@ -1,4 +1,4 @@
-"""The shape where a limit is near: sequential quadratic programs, solved by ProxQP.
+"""The shape near a limit: sequential quadratic programs, solved by ProxQP.
 
 Two slacks that are punished exactly keep every program soluble: one of clearances of discs, which
 may come quicker than vehicles can drive, and one of all other limits. What of them remains at the

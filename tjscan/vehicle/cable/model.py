@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import isfinite, radians
-from typing import Annotated, Final
+from math import isfinite
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
-from tjscan.core.units import KG, MM, MM_S, MM_S2, SECONDS, FileUnit, SettingsTable
-
-NEWTON_UNIT: Final = FileUnit("n")
-DEG_S: Final = FileUnit("deg_s", radians(1.0))
+from tjscan.core.units import DEG_S, KG, MM, MM_S, MM_S2, NEWTON, SECONDS, SettingsTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CableModel:
     """A cable as a chain of rigid links with ball joints; Suzuki et al. (2022), III-A, table I.
 
-    Joint i lies at the near end of link i, seen from the root; a straight cable is free of stress.
+    Joint i is at the near end of link i, seen from the root; a straight cable is free of stress.
 
     Parameters
     ----------
@@ -39,7 +36,7 @@ class CableModel:
         Where the cable is clamped: x and y, metres, and the direction of the first link at a
         first joint of no angle, radians. None leaves that end free.
     held : tuple of int
-        Links that the vehicles hold, from the root to the tip. A vehicle's origin lies at the far
+        Links that the vehicles hold, from the root to the tip. A vehicle's origin is at the far
         end of its link, and it heads as the link does. The last one is the welder.
 
     Raises
@@ -61,7 +58,7 @@ class CableModel:
     def __post_init__(self) -> None:
         sizes = (self.link_length, self.radius, self.link_mass, self.stiffness, self.damping)
         if not all(isfinite(size) and size > 0 for size in sizes) or not 0 <= self.friction < 10:
-            raise ValueError("sizes, masses, stiffness and damping of a cable lie above 0")
+            raise ValueError("sizes, masses, stiffness and damping of a cable must be above 0")
         held = self.held
         if not held or held[0] < 1 or any(b - a < 2 for a, b in pairwise(held)):
             raise ValueError("vehicles hold links in their order, two or more apart")
@@ -85,7 +82,7 @@ class CableModel:
 class TowingDriveModel(SettingsTable):
     """Bodies and drives of simulated towing vehicles, but for their radius and force.
 
-    Mass, height and grip are those of Suzuki et al. (2022), table II.
+    Mass, height and grip are from Suzuki et al. (2022), table II.
 
     Parameters
     ----------
@@ -128,12 +125,12 @@ class TowingVehicleSettings(TowingDriveModel):
     """
 
     body_radius: Annotated[float | None, Gt(0), Le(1e4), MM] = None
-    force: Annotated[float | None, Gt(0), Le(1e5), NEWTON_UNIT] = None
+    force: Annotated[float | None, Gt(0), Le(1e5), NEWTON] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TowingVehicleModel(TowingDriveModel):
-    """A simulated towing vehicle; its radius is that of Suzuki et al. (2022), table II.
+    """A simulated towing vehicle; its radius is from Suzuki et al. (2022), table II.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class CablePlant:
         return np.vstack((near, tip))
 
     @property
-    def touches(self) -> set[tuple[str, str]]:
+    def touching_pairs(self) -> set[tuple[str, str]]:
         """What touches what, but for the floor, by name; a pair in alphabetical order."""
         pairs = self._data.contact.geom
         geom = self._model.geom
@@ -144,7 +144,7 @@ Coulomb's but for a creep that this leaves; docs/vehicles.md has how much."""
 
 FLOOR_CONTACT_TIME_CONSTANT: Final = 0.02
 FLOOR_CONTACT_IMPEDANCE: Final = (0.5, 0.5, 0.001, 0.5, 2.0)
-"""``solref`` and ``solimp`` of the floor: soft enough that links lie still on it. On a harder one
+"""``solref`` and ``solimp`` of the floor: soft enough that links rest on it. On a harder one
 they hop, friction works by jerks, and forces are wrong by half."""
 
 CABLE_HOLD_TIME_CONSTANT: Final = 0.01
@@ -159,7 +159,7 @@ WALL_THICKNESS: Final = 0.02
 WALL_HEIGHT: Final = 0.3
 """Of walls and passers-by, metres."""
 
-FLOOR, WALL, PASSER_BY, LINK, VEHICLE = (1 << bit for bit in range(5))
+FLOOR_BIT, WALL_BIT, PASSER_BY_BIT, LINK_BIT, VEHICLE_BIT = (1 << bit for bit in range(5))
 """Kinds of things that may touch, as MuJoCo's masks distinguish them."""
 
 Geom: Final = mujoco.mjtGeom
@@ -188,7 +188,7 @@ def specify_scene(world: TowingWorldModel, step: float) -> Any:
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, FRICTION_IMPEDANCE_RATIO
     spec.worldbody.add_geom(
-        name="floor", type=Geom.mjGEOM_PLANE, size=(1, 1, 1), contype=FLOOR, conaffinity=0
+        name="floor", type=Geom.mjGEOM_PLANE, size=(1, 1, 1), contype=FLOOR_BIT, conaffinity=0
     )
     _add_walls(spec.worldbody, world.walls)
     for number, passer_by in enumerate(world.passers_by, 1):
@@ -198,7 +198,7 @@ def specify_scene(world: TowingWorldModel, step: float) -> Any:
             type=Geom.mjGEOM_CYLINDER,
             size=(passer_by.radius, WALL_HEIGHT / 2, 0),
             pos=(0, 0, WALL_HEIGHT / 2),
-            contype=PASSER_BY,
+            contype=PASSER_BY_BIT,
             conaffinity=0,
         )
     _add_cable(spec, world)
@@ -224,7 +224,7 @@ def _add_walls(ground: Any, walls: tuple[Array, ...]) -> None:
                 size=(length / 2, WALL_THICKNESS / 2, WALL_HEIGHT / 2),
                 pos=(x, y, WALL_HEIGHT / 2),
                 quat=(np.cos(turn), 0, 0, np.sin(turn)),
-                contype=WALL,
+                contype=WALL_BIT,
                 conaffinity=0,
             )
 
@@ -257,8 +257,8 @@ def _add_vehicles(spec: Any, world: TowingWorldModel) -> None:
             size=(model.body_radius, model.body_height / 2, 0),
             pos=(0, 0, model.body_height / 2 - cable.radius),
             mass=(1 - CABLE_HOLD_MASS_SHARE) * model.mass,
-            contype=VEHICLE,
-            conaffinity=VEHICLE | PASSER_BY | (0 if welder else WALL),
+            contype=VEHICLE_BIT,
+            conaffinity=VEHICLE_BIT | PASSER_BY_BIT | (0 if welder else WALL_BIT),
         )
         # The link that it holds is part of it, and clear of the floor.
         carried = body.add_body(name=f"link {held}", pos=(-cable.link_length, 0, 0))
@@ -299,7 +299,7 @@ def _add_links(body: Any, first: int, end: int, world: TowingWorldModel) -> None
             pos=(cable.link_length / 2, 0, 0),
             mass=0,
             contype=0,
-            conaffinity=FLOOR,
+            conaffinity=FLOOR_BIT,
             priority=1,
             friction=(cable.friction, 0, 0),
             solref=(FLOOR_CONTACT_TIME_CONSTANT, 1),
@@ -333,6 +333,6 @@ def _add_link_shape(body: Any, link: int, world: TowingWorldModel) -> None:
         pos=(cable.link_length / 2, 0, 0),
         quat=(np.sqrt(0.5), 0, np.sqrt(0.5), 0),
         mass=cable.link_mass,
-        contype=LINK,
-        conaffinity=LINK | VEHICLE | PASSER_BY | (0 if exempt else WALL),
+        contype=LINK_BIT,
+        conaffinity=LINK_BIT | VEHICLE_BIT | PASSER_BY_BIT | (0 if exempt else WALL_BIT),
     )

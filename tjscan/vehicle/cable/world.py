@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, frozen_arrays, readonly_copy
+from tjscan.core.frames import Array, Mask, array_dataclass, readonly_copy
 from tjscan.vehicle.cable.model import TowingVehicleModel, TowingWorldModel
 from tjscan.vehicle.cable.plant import TIME_STEP, CablePlant
 from tjscan.vehicle.pad_plant import GRAVITY_M_S2
@@ -49,7 +47,7 @@ class OmnidirectionalDrives:
     def forces(
         self,
         commanded: Array,
-        braked: NDArray[np.bool_],
+        braked: Mask,
         headings: Array,
         speeds: Array,
         drift: Array,
@@ -77,7 +75,7 @@ class OmnidirectionalDrives:
         ndarray, shape (n, 3)
             Newton and N m.
         """
-        self._follow_commands(np.where(braked[:, None], 0.0, commanded), braked, period)
+        self._run_after_commands(np.where(braked[:, None], 0.0, commanded), braked, period)
         wanted = _turn_velocities(self.wanted, headings)
         slow = wanted + drift - speeds
         self._behind = self._behind + slow * period
@@ -91,7 +89,7 @@ class OmnidirectionalDrives:
         self.wheels = np.where(spins, self.wanted, _turn_velocities(speeds - drift, -headings))
         return given
 
-    def _follow_commands(self, commanded: Array, braked: NDArray[np.bool_], period: float) -> None:
+    def _run_after_commands(self, commanded: Array, braked: Mask, period: float) -> None:
         m = self._model
         along = np.linalg.norm(commanded[:, :2], axis=1, keepdims=True)
         limited = commanded * np.minimum(1.0, m.top_speed / np.maximum(along, 1e-12))
@@ -117,17 +115,16 @@ def _turn_velocities(speeds: Array, headings: Array) -> Array:
     return np.column_stack((c * x - s * y, s * x + c * y, turn))
 
 
-POSE_HISTORY: Final = 5.0
+POSE_HISTORY_DURATION: Final = 5.0
 """Seconds for which the world remembers where the vehicles were."""
 
-PUSH_TIME: Final = 0.5
+PUSH_DURATION: Final = 0.5
 """Seconds that a push takes."""
 
 JAMMED_WHEELS_FAULT: Final = "wheels: jammed"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class TowingTruth:
     """What is true in a simulated world, and no algorithm may see.
 
@@ -210,7 +207,7 @@ class TowingWorld:
         self._jammed = np.zeros(self.vehicles, dtype=bool)
         self._pushed = np.zeros((self.vehicles, 3))
         self._push_ends = np.full(self.vehicles, -np.inf)
-        self._standing = np.zeros(len(model.passers_by), dtype=bool)
+        self._held_passers = np.zeros(len(model.passers_by), dtype=bool)
         # A passer-by walks by a clock of its own, which stops while it is held.
         self._walked = np.full(len(model.passers_by), time)
         self._asked, self._gone, self._began = 0.0, 0, time - settle
@@ -257,7 +254,7 @@ class TowingWorld:
             fault=JAMMED_WHEELS_FAULT if self._jammed[vehicle] else "",
         )
 
-    def stands(self, vehicle: int) -> bool:
+    def is_at_rest(self, vehicle: int) -> bool:
         """Whether a vehicle's wheels are commanded to rest, and do."""
         return not self._drives.wanted[vehicle].any()
 
@@ -267,7 +264,7 @@ class TowingWorld:
         discs = np.zeros((len(self.model.passers_by), 5))
         for which, passer_by in enumerate(self.model.passers_by):
             at, speed = passer_by.motion_at(self._walked[which])
-            if self._standing[which]:
+            if self._held_passers[which]:
                 speed = np.zeros(2)
             discs[which] = (*at, passer_by.radius, *speed)
         return discs
@@ -290,7 +287,7 @@ class TowingWorld:
             self._forces,
             self._most_push,
             self.passers_by,
-            tuple(sorted(f"{a} and {b}" for a, b in self._touched | plant.touches)),
+            tuple(sorted(f"{a} and {b}" for a, b in self._touched | plant.touching_pairs)),
         )
         self._reset_sums()
         return truth
@@ -303,12 +300,12 @@ class TowingWorld:
 
     def push(self, vehicle: int, x: float, y: float) -> None:
         """Let the floor carry a vehicle away, metres along x and y of w, unseen by its wheels."""
-        self._pushed[vehicle] = (x / PUSH_TIME, y / PUSH_TIME, 0.0)
-        self._push_ends[vehicle] = self.time + PUSH_TIME
+        self._pushed[vehicle] = (x / PUSH_DURATION, y / PUSH_DURATION, 0.0)
+        self._push_ends[vehicle] = self.time + PUSH_DURATION
 
-    def hold_passer_by(self, which: int, stands: bool) -> None:
+    def hold_passer_by(self, which: int, stops: bool) -> None:
         """Hold a passer-by at its place, or let it walk on."""
-        self._standing[which] = stands
+        self._held_passers[which] = stops
 
     # How it goes on
 
@@ -325,11 +322,11 @@ class TowingWorld:
         )
         plant.advance(forces)
         self._gone += 1
-        touches = plant.touches
-        for which, stands in enumerate(self._standing):
+        touches = plant.touching_pairs
+        for which, stopped in enumerate(self._held_passers):
             # One that walks into something stops there: no floor could hold what it would push.
             met = any(f"passer-by {which + 1}" in pair for pair in touches)
-            self._walked[which] += 0.0 if stands or met else step
+            self._walked[which] += 0.0 if stopped or met else step
         self._place_passers_by()
         self._pushes += forces
         self._most_push = np.maximum(self._most_push, np.hypot(forces[:, 0], forces[:, 1]))
@@ -349,5 +346,5 @@ class TowingWorld:
 
     def _remember_poses(self) -> None:
         self.poses_before.append((self.time, readonly_copy(self.plant.poses)))
-        while self.poses_before[0][0] < self.time - POSE_HISTORY:
+        while self.poses_before[0][0] < self.time - POSE_HISTORY_DURATION:
             self.poses_before.popleft()

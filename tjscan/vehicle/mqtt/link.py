@@ -16,12 +16,12 @@ from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage,
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
-from tjscan.core.devices import EventListener
+from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import VehicleLinkLost
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
 from tjscan.vehicle.mqtt.wire import REPORTED_DROP_COUNTS, BadMessage, PresenceMessage, WireMessage
 
-KEEP_ALIVE: Final = 2
+BROKER_KEEP_ALIVE: Final = 2
 """Seconds of silence after which a broker asks whether its client is there. It calls the last will
 three seconds after a client froze; long before that the vehicle has stopped by itself."""
 
@@ -111,7 +111,7 @@ class BrokerLink:
         self._client = self._make_client()
         self._client.connect_timeout = limit
         try:
-            self._client.connect(self.host, self.port, KEEP_ALIVE)
+            self._client.connect(self.host, self.port, BROKER_KEEP_ALIVE)
         except OSError as error:
             raise VehicleLinkLost(
                 f"there is no MQTT broker at {self.host}:{self.port} ({error}). Start one, for "
@@ -196,7 +196,7 @@ class BrokerLink:
         )
 
 
-class BrokerClient:
+class BrokerClient(DeviceBase):
     """Base of devices behind a broker: their link, their messages, and what they report.
 
     Simple queues and single assignments share all there is between the threads, no locks: a
@@ -219,7 +219,6 @@ class BrokerClient:
         topics: Collection[str],
     ) -> None:
         self._broker, self._presence_topic, self._topics = settings, presence_topic, topics
-        self._listener: EventListener = lambda name, sentence: None
         self._reset_before_connecting()
 
     def __enter__(self) -> Self:
@@ -267,10 +266,6 @@ class BrokerClient:
 
     def _leave_at_rest(self) -> None:
         """Bring the device to rest, while the link still is there."""
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report dropped messages and lost links to a listener, in the thread that calls."""
-        self._listener = listener
 
     def _deliver_events(self) -> None:
         with suppress(Empty):

@@ -13,7 +13,7 @@ from tjscan.vehicle.mqtt import wire
 from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 
-READER_TOPIC: Final = "reader"
+POSE_READER_TOPIC: Final = "reader"
 """Topic on which a reader of the poses announces itself."""
 
 LOOK_PERIOD: Final = 0.01
@@ -35,7 +35,7 @@ class MqttLocalisation(BrokerClient):
     def __init__(self, settings: MqttLocalisationSettings, vehicles: int) -> None:
         self.settings, self._vehicles = settings, vehicles
         poses = (f"{number}/{wire.POSE_TOPIC}" for number in range(1, vehicles + 1))
-        super().__init__(settings, READER_TOPIC, (*poses, f"{wire.PASSER_BY_TOPIC}/+"))
+        super().__init__(settings, POSE_READER_TOPIC, (*poses, f"{wire.PASSER_BY_TOPIC}/+"))
 
     def _reset_before_connecting(self) -> None:
         # Single assignments to a place of each vehicle's own are all that the threads share.
@@ -95,5 +95,5 @@ class MqttLocalisation(BrokerClient):
 
     def _link_changed(self, up: bool) -> None:
         if self._connected:
-            name, state = ("restored", "stands again") if up else ("lost", "broke: no poses come")
+            name, state = ("restored", "is up again") if up else ("lost", "broke: no poses come")
             self._events.put((f"link-{name}", f"the link to the broker {state}"))

@@ -8,7 +8,7 @@ from typing import Annotated
 from annotated_types import Ge, Le, Len, MinLen
 
 from tjscan.core.units import SECONDS, SettingsTable
-from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan.vehicle.vehicle import DEAD_MAN_TIME
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +47,7 @@ class MqttSettings(BrokerSettings):
     prefix : str
         Of the vehicle's topics, such as ``tjscan/vehicle/1``.
     dead_man : float
-        Seconds after the last command at which the vehicle is told to stop. It has the same limit
+        Seconds after the last command at which the vehicle must stop. It has the same limit
         of its own, so a longer one would mean nothing.
     connect_limit : float
         Seconds that a connection may take.
@@ -56,7 +56,7 @@ class MqttSettings(BrokerSettings):
     """
 
     prefix: Annotated[str, Len(1, 200)] = "tjscan/vehicle/1"
-    dead_man: Annotated[float, Ge(0.05), Le(DEAD_MAN), SECONDS] = DEAD_MAN
+    dead_man: Annotated[float, Ge(0.05), Le(DEAD_MAN_TIME), SECONDS] = DEAD_MAN_TIME
     connect_limit: Annotated[float, Ge(0.1), Le(120), SECONDS.with_key("connect_s")] = 5.0
     silence_limit: Annotated[float, Ge(0.05), Le(60), SECONDS.with_key("silence_s")] = 0.5
 

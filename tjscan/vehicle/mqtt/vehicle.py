@@ -9,14 +9,8 @@ from dataclasses import asdict
 from queue import Empty, SimpleQueue
 from typing import Final
 
+from tjscan.core import errors
 from tjscan.core.devices import DeviceIdentity
-from tjscan.core.errors import (
-    ConfigurationError,
-    DriveFault,
-    VehicleFault,
-    VehicleLinkLost,
-    VehicleStopped,
-)
 from tjscan.core.frames import Array, pose, rot_z
 from tjscan.vehicle.mqtt import wire
 from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
@@ -79,11 +73,13 @@ class MqttVehicle(BrokerClient):
         self._check_link()
         check_twist(twist)
         if self._fault:
-            raise DriveFault(f"the vehicle reports: {self._fault}. Mend it, then start again.")
+            raise errors.DriveFault(
+                f"the vehicle reports: {self._fault}. Mend it, then start again."
+            )
         if self._commander not in ("", self._session):
             raise self._other_commander_error()
         if self._stopped:
-            raise VehicleStopped
+            raise errors.VehicleStopped
         self._order = twist, time.monotonic()
         self._wake.put(True)
 
@@ -114,7 +110,7 @@ class MqttVehicle(BrokerClient):
         """
         message = self._pose
         if message is None:
-            raise ConfigurationError(
+            raise errors.ConfigurationError(
                 f"nothing sends the pose of {self.settings.prefix}; a simulated laser needs a "
                 "vehicle of tjscan vehicle-loopback",
                 key="vehicle.driver",
@@ -216,27 +212,29 @@ class MqttVehicle(BrokerClient):
             except Empty:
                 if self._commander:
                     raise self._other_commander_error() from None
-                raise VehicleLinkLost(
+                raise errors.VehicleLinkLost(
                     f"the broker at {s.host}:{s.port} knows no vehicle {s.prefix} that reports "
                     "states and takes commands. See that it is on, or correct vehicle.mqtt.prefix."
                 ) from None
 
     def _check_link(self) -> None:
         if not self._connected:
-            raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")
+            raise errors.VehicleLinkLost(
+                "the vehicle is not connected: use it inside a 'with' block"
+            )
         if self._lost or time.monotonic() - self._heard > self.settings.silence_limit:
             raise self._link_lost_error()
 
-    def _link_lost_error(self) -> VehicleLinkLost:
+    def _link_lost_error(self) -> errors.VehicleLinkLost:
         self._order = None
         self._deliver_events()
         why = self._lost or f"no new state came for {self.settings.silence_limit:g} s"
-        return VehicleLinkLost(
+        return errors.VehicleLinkLost(
             f"{why}. The vehicle stops by itself. See that it and its network are on, then start "
             "again."
         )
 
-    def _other_commander_error(self) -> VehicleFault:
-        return VehicleFault(
+    def _other_commander_error(self) -> errors.VehicleFault:
+        return errors.VehicleFault(
             f"another program commands the vehicle {self.settings.prefix}. End it first."
         )

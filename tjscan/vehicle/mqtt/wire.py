@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 from annotated_types import Ge, Le, Len
 from pydantic import TypeAdapter, ValidationError
 
+from tjscan.core.units import STRICT_TABLE
 from tjscan.core.version import PROGRAM_VERSION
 from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist, VehicleState
 
@@ -28,7 +29,7 @@ MOST_MESSAGE_BYTES: Final = 4096
 LONGEST_MESSAGE_DELAY: Final = 0.25
 """Seconds by which a message may come later than the quickest one did: half the dead-man time."""
 
-CLOCK_DRIFT: Final = 1e-3
+LARGEST_CLOCK_RATE_ERROR: Final = 1e-3
 """By how much two clocks may differ in rate."""
 
 REPORTED_DROP_COUNTS: Final = frozenset(10**n for n in range(10))
@@ -62,11 +63,7 @@ class WireMessage:
         Seconds on the sender's clock, which never goes back.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {
-        "strict": True,
-        "extra": "forbid",
-        "allow_inf_nan": False,
-    }
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT_TABLE
 
     session: Session
     number: Number
@@ -299,7 +296,7 @@ class MessageGate:
             if message.time <= time:
                 return f"its clock went from {time:.3f} s to {message.time:.3f} s"
         offset = now - message.time
-        quickest = min(offset, self._offset + CLOCK_DRIFT * (now - self._heard))
+        quickest = min(offset, self._offset + LARGEST_CLOCK_RATE_ERROR * (now - self._heard))
         self.session, self._last = message.session, (message.number, message.time)
         self._offset, self._heard = quickest, now
         if offset - quickest > LONGEST_MESSAGE_DELAY:
@@ -357,10 +354,10 @@ class TorchStateMessage(WireMessage):
 TAKEOVER_SILENCE: Final = 0.5
 """Seconds of silence after which another sender may take over."""
 
-CLOCK_JUMP: Final = 2.0
+LEAST_CLOCK_JUMP: Final = 2.0
 """Seconds: what comes later, or earlier, than this after the quickest has another clock."""
 
-CLOCK_CONFIRMATIONS: Final = 10
+OTHER_CLOCK_CONFIRMATIONS: Final = 10
 """Messages in a row that must agree on another clock before it counts."""
 
 
@@ -400,15 +397,15 @@ class PoseGate:
             raise BadMessage(f"number {message.number} came after {self._number}")
         self._number = message.number
         offset = now - message.time
-        known = self._offset + CLOCK_DRIFT * (now - self._heard)
+        known = self._offset + LARGEST_CLOCK_RATE_ERROR * (now - self._heard)
         self._heard = now
         if (
             self._offset < inf
-            and abs(offset - known) > CLOCK_JUMP
+            and abs(offset - known) > LEAST_CLOCK_JUMP
             and not self._confirm_other_clock(offset)
         ):
             raise BadMessage(f"its clock is {known - offset:+.2f} s off, or it came late")
-        self._offset = offset if abs(offset - known) > CLOCK_JUMP else min(offset, known)
+        self._offset = offset if abs(offset - known) > LEAST_CLOCK_JUMP else min(offset, known)
         self._doubted = (inf, 0)
         measured = message.time + self._offset
         if measured <= self._given:
@@ -420,4 +417,4 @@ class PoseGate:
         """Whether enough messages in a row have this other clock."""
         before, times = self._doubted
         self._doubted = (offset, times + 1 if abs(offset - before) < LONGEST_MESSAGE_DELAY else 1)
-        return self._doubted[1] >= CLOCK_CONFIRMATIONS
+        return self._doubted[1] >= OTHER_CLOCK_CONFIRMATIONS
