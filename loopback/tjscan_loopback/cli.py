@@ -92,7 +92,7 @@ def laser_loopback(
     attached
         End when stdin ends.
     """
-    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan.cli.options.shared import parse_overrides
     from tjscan_loopback.profiles import run_loopback_laser
 
     run_loopback_laser(

@@ -249,7 +249,7 @@ class Show(Protocol):
     def setting(self) -> SceneSetup:
         """What does not change."""
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """What an entry changes: nothing if it is of an unknown type."""
 
 

@@ -43,16 +43,8 @@ LOOP_OPEN_TEXT: Final = (
 Triple = tuple[float, float, float]
 
 SUMMED_SUMMARY_KEYS: Final = (
-    "scans",
-    "half_steps",
-    "flange_travel_mm",
-    "flange_rotation_deg",
-    "motion_time_s",
-    "corrections_skipped",
-    "taken_again",
-    "merged",
-    "nudges",
-    "retreats",
+    *("scans", "half_steps", "corrections_skipped", "taken_again", "merged", "nudges", "retreats"),
+    *("flange_travel_mm", "flange_rotation_deg", "motion_time_s"),
 )
 """Numbers of a stitched groove that are sums over its stations."""
 

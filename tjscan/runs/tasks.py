@@ -94,7 +94,7 @@ def read_recorded_show(directory: Path) -> RecordedShow:
     """
     for task in recorded_tasks(directory):
         show, entries = task.load("show")(directory)
-        if not (steps := tuple(map(show.step, entries))):
+        if not (steps := tuple(map(show.step_of_entry, entries))):
             raise ConfigurationError("nothing was recorded in it yet", file=directory)
         return RecordedShow(show.setting, steps)
     raise ConfigurationError(

@@ -31,7 +31,6 @@ from tjscan.scanning.section import (
     Sections,
     SetPoint,
     SetPointPredictor,
-    StepLengthRule,
     StepRequest,
     Substep,
 )
@@ -53,8 +52,6 @@ class Scanner:
         Receives everything at once.
     predictor : SetPointPredictor, optional
         Predicts where the next section is; the plan's if left out.
-    step_rule : StepLengthRule, optional
-        Chooses the length of each step; the plan's if left out.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
     """
@@ -65,13 +62,12 @@ class Scanner:
         plan: ScanPlan,
         journal: Journal,
         predictor: SetPointPredictor | None = None,
-        step_rule: StepLengthRule | None = None,
         stop: StopRequest | None = None,
     ) -> None:
         self._setup, self._plan = setup, plan
         self._predict = predictor or predictor_for_plan(plan)
         adaptive = None if plan.adaptive is None else adaptive_step_rule(plan.adaptive)
-        self._step_length = step_rule or adaptive or (lambda sections: plan.step)
+        self._step_length = adaptive or (lambda sections: plan.step)
         self._stop = stop or StopRequest()
         self._log = ScanResultsJournal(journal)
         self._taker = ProfileTaker(setup, self._log, self._stop)

@@ -404,12 +404,8 @@ def _compare_measures(found: ScannedSection, step: StepRequest) -> tuple[Array, 
     of_last, of_now = (np.diag(groove.measure_covariance)[:3] for groove in (last, now))
     noise = LARGEST_CHANCE_SIGMAS * np.sqrt(of_last + of_now)
     before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
-    allowed = noise + factor * np.array(
-        (
-            LARGEST_GROOVE_ANGLE_CHANGE[0] + LARGEST_GROOVE_ANGLE_CHANGE[1] * step.length,
-            largest_root_width_change(last, step.length),
-            BEAD_HEIGHT_ALLOWANCE
-            + (LARGEST_DEPTH_CHANGE[0] + LARGEST_DEPTH_CHANGE[1] * step.length) * before[2],
-        )
-    )
+    changes = LARGEST_GROOVE_ANGLE_CHANGE, LARGEST_DEPTH_CHANGE
+    angle, depth_share = (least + per_metre * step.length for least, per_metre in changes)
+    root, depth = largest_root_width_change(last, step.length), depth_share * before[2]
+    allowed = noise + factor * np.array((angle, root, BEAD_HEIGHT_ALLOWANCE + depth))
     return before, after, np.asarray(allowed)

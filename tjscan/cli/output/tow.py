@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.shared import LiveOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message, stderr
 from tjscan.core.config import add_file_to_errors
 from tjscan.job.tow.cell import check_seam, make_shape_planner
@@ -73,7 +73,7 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
             return
         from tjscan.runs.live.tow import show_tow
 
-        with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
+        with show_tow(job, file.stem, page.page_address, print_message, ctrl_c_presser()) as shown:
             both = CombinedJournal(context.journal, shown)
             yield replace(context, journal=both, show_truth=shown.record)
 

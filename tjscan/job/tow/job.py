@@ -80,13 +80,7 @@ class TowLocalisationSettings(tables.LocalisationSettings, DeviceSettings):
 
 WorldFault = Literal["jam", "push", "passer-by-stands"]
 PoseFaultName = Literal[
-    "pose-noise",
-    "pose-lost",
-    "pose-late",
-    "pose-disorder",
-    "pose-frozen",
-    "pose-jump",
-    "pose-swap",
+    "pose-noise", "pose-lost", "pose-late", "pose-disorder", "pose-frozen", "pose-jump", "pose-swap"
 ]
 
 

@@ -62,7 +62,7 @@ class CalibrationShow:
         self._T_f_s = self._plan.T_f_s
         self.setting = self._make_scene_setup(job, title)
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
         match entry:
             case logbook.StartOrResumeEntry():
@@ -238,7 +238,7 @@ class PageOperator:
 
     def _enable_buttons(self, *words: Answer) -> None:
         if self._run.page is not None:
-            self._run.page.enable({word: word in words for word, _, _ in ANSWER_BUTTONS})
+            self._run.page.enable_buttons({word: word in words for word, _, _ in ANSWER_BUTTONS})
 
     def _wait_for_button(self, question: Question) -> Answer:
         """Next button that is pressed; until then a real laser's profiles are shown."""
