@@ -230,7 +230,7 @@ class CheckedShape:
         pressed : sequence of str
             Limits that hold the shape where it is.
         """
-        here = self.limits.rows(estimate)
+        here = self._rows_of_places(estimate)
         if not self.is_feasible and not self._leads_away_from_discs(here):
             return self.broken_limit(pressed)
         near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
@@ -240,10 +240,15 @@ class CheckedShape:
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LONGEST_LINK_STEP))
         for k in range(1, steps):
-            between = self.limits.rows(estimate + k / steps * (self.angles - estimate))
+            between = self._rows_of_places(estimate + k / steps * (self.angles - estimate))
             if worst_margin(between) < min(-LONGEST_LINK_STEP, worst_margin(here)):
                 return f"on the way there, {self._worst_row(between)}"
         return ""
+
+    def _rows_of_places(self, angles: Array) -> LimitRows:
+        """Rows of limits that a shape breaks by where it is, not by how far vehicles drive."""
+        rows = self.limits.rows(angles)
+        return rows[rows["kind"] != LimitKind.SPEED]
 
     def _leads_away_from_discs(self, here: LimitRows) -> bool:
         """Whether it breaks only clearances of discs, and less than where the cable is.
