@@ -248,7 +248,8 @@ class CheckedShape:
     def _rows_of_places(self, angles: Array) -> LimitRows:
         """Rows of limits that a shape breaks by where it is, not by how far vehicles drive."""
         rows = self.limits.rows(angles)
-        return rows[rows["kind"] != LimitKind.SPEED]
+        placed: LimitRows = rows[rows["kind"] != LimitKind.SPEED]
+        return placed
 
     def _leads_away_from_discs(self, here: LimitRows) -> bool:
         """Whether it breaks only clearances of discs, and less than where the cable is.
