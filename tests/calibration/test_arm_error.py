@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from _targets import calibrate_on_plane
 from calibration_stage import (
     CENTRE,
     HAND,
@@ -21,7 +22,6 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.calibrate import ArmGeometryDeviation
 from tjscan.calibration.checks import verify_with_fresh_line
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import TYPICAL_FLANGE_LEVER, NoiseModel, geometry_error_correlation
 from tjscan.calibration.targets.line import LineFit
 from tjscan.calibration.targets.plane import SeenBoard, fit_plane

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from _board import BoardSimulator, points_rms
+from _targets import calibrate_on_plane
 from calibration_stage import (
     AXES,
     CENTRE,
@@ -35,7 +36,6 @@ from tjscan.calibration.closed_form import (
     solve_closed_form,
     transform_line,
 )
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel, geometry_error_correlation
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.solve.refine import (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from _targets import calibrate_on_plane
 from calibration_stage import (
     EXACT_HAND,
     NOISE,
@@ -13,7 +14,6 @@ from calibration_stage import (
     target,
 )
 
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import fit_circle
 from tjscan.calibration.targets.line import fit_line

@@ -23,11 +23,8 @@ from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
 from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
 
 IK_CONVERGENCE_TOLERANCE: Final = 1e-13
-"""Metres and radians at which a descent ends; it comes this close unless singular.
-
-So close that an arm is in the same place whichever way it came: a resumed scan finds what the
-uninterrupted one would have found.
-"""
+"""Metres and radians at which a descent ends, unless singular: so close that an arm is in the same
+place whichever way it came, and a resumed scan finds what the uninterrupted one would have."""
 
 IK_POSITION_TOLERANCE: Final = 1e-7
 """Metres: a solution puts the flange this close, also at a singularity."""

@@ -31,8 +31,7 @@ MAX_REJECTION_SETS_TRIED: Final = 3000
 SINGULAR_SET_RIDGE: Final = 1e-6
 """Keeps sets solvable that nothing could be found without; they leave no residual anyway."""
 GEOMETRY_ERROR_GRID: Final = (2e-5, 2e-3, 25)
-"""Metres from, metres to, and steps: from less than an arm's repeatability to more than an arm that
-was ever measured is off. Larger residuals are no geometry error."""
+"""Metres from and to, and steps: from less than an arm repeats to more than any arm is off."""
 PARAMETER_RIDGE: Final = 1e-12
 """Share of a parameter's information: far less than any measurement gives."""
 MIN_COST_DROP: Final = float(chdtri(1, 2 * refine.FALSE_ALARM_PROBABILITY))

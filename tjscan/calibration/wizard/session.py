@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.hand_eye import calibrate_on_plane
+from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import FlangeMoves, NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.solve.refine import covariance_from_information
 from tjscan.calibration.targets.line import LineBundle, LineFit, fit_line
-from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget, fit_plane
+from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget, SeenBoard, fit_plane
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
 from tjscan.core import frames
@@ -566,7 +566,8 @@ class CalibrationPlan:
         samples = self.fit_lines(measured.line_profiles)
         result, refusal, T_f_s = None, None, self.T_f_s
         try:
-            result = calibrate_on_plane(samples, target, self.noise, T_f_s_guess=self.T_f_s)
+            seen = [SeenBoard(samples, target, self.noise)]
+            result = calibrate_on_targets(seen, self.noise, T_f_s_guess=self.T_f_s)
             T_f_s = result.T_f_s
         except CalibrationRefused as refused:
             refusal = refused

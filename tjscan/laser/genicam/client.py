@@ -27,10 +27,8 @@ from tjscan.laser.genicam import messages
 from tjscan.laser.genicam.settings import FeatureValue, GenicamSettings, ScanControlSettings
 
 DISCOVERY_TIMEOUT_MS: Final = (100, 300, 900)
-"""Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.
-
-Most answer at once; a datagram may get lost, and GigE Vision lets an answer take up to a second.
-"""
+"""Milliseconds to wait for answers to each broadcast, until a laser is given up. Most answer at
+once; a datagram may get lost, and GigE Vision lets an answer take up to a second."""
 
 HEARTBEAT_PATIENCE: Final = 3.2
 """Seconds for which a laser stays with a program that was killed: GigE Vision's usual heartbeat."""
