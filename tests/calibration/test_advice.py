@@ -173,4 +173,4 @@ def test_a_suggestion_needs_candidates_that_see_the_board() -> None:
     for candidates in ([], [away]):
         with pytest.raises(CalibrationRefused, match="no pose to suggest"):
             PREDICTION.most_informative_pose(candidates, [])
-    assert PREDICTION.lines(away[None]).information.max() == 0
+    assert PREDICTION.predict_lines(away[None]).information.max() == 0

@@ -152,5 +152,5 @@ def _target_fields(solution: SensorSolution) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for k, model in reversed(list(enumerate(solution.model.models))):
         at, settled = solution.model.target_slice(k), solution.settled
-        found |= model.describe(settled.target[at], settled.covariance[6:, 6:][at, at])
+        found |= model.result_fields(settled.target[at], settled.covariance[6:, 6:][at, at])
     return found

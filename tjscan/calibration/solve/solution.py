@@ -352,7 +352,7 @@ class CalibrationProblem:
             )
             model = CombinedModel(models, correlation, self.noise.geometry, by_true_pose)
             target = np.concatenate(targets)
-            starts.append((model.misfit(T_f_s, target), T_f_s, model, target))
+            starts.append((model.weighted_misfit(T_f_s, target), T_f_s, model, target))
         return sorted(starts, key=itemgetter(0))
 
     def _split_by_target(self, of_all: Array) -> list[Array]:

@@ -69,7 +69,7 @@ class CircleFit:
         points = np.column_stack((profile.x_s[self.inlier], profile.z_s[self.inlier]))
         away = points - self.centre_s[[0, 2]]
         away /= np.hypot(*away.T)[:, None]
-        outward = np.einsum("na,nam->nm", away, laser.at(points))
+        outward = np.einsum("na,nam->nm", away, laser.displacements_at(points))
         J = np.column_stack((away, np.ones(len(away))))
         return np.asarray(np.linalg.lstsq(J, outward, rcond=None)[0])
 
@@ -269,11 +269,11 @@ class SphereModel(TargetModel):
     noise: NoiseModel
     by_laser: Array | None = None
 
-    def seen_from(self, T_b_f: Array) -> Self:
+    def at_other_poses(self, T_b_f: Array) -> Self:
         """Return the same arcs, taken from other flange poses, shape (n, 4, 4)."""
         return replace(self, T_b_f=T_b_f)
 
-    def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
+    def result_fields(self, target: Array, covariance: Array) -> dict[str, Any]:
         """Centre and radius of the ball."""
         radius = (self.sphere.radius or 0.0) + float(target[3])
         return {"centre_b": readonly_copy(target[:3]), "radius": radius}

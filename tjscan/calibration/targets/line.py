@@ -65,7 +65,7 @@ class LineFit:
         """
         points = np.column_stack((profile.x_s[self.inlier], profile.z_s[self.inlier]))
         direction = self.direction_s[[0, 2]]
-        across = np.array((-direction[1], direction[0])) @ laser.at(points)
+        across = np.array((-direction[1], direction[0])) @ laser.displacements_at(points)
         along = (points - self.point_s[[0, 2]]) @ direction
         return np.stack((across.mean(axis=0), along @ across / (along @ along)))
 

@@ -185,11 +185,11 @@ class RoofModel(TargetModel):
     left: PlaneModel
     right: PlaneModel
 
-    def seen_from(self, T_b_f: Array) -> Self:
+    def at_other_poses(self, T_b_f: Array) -> Self:
         """Return the same flanks, taken from other flange poses, shape (n, 4, 4)."""
-        return type(self)(self.left.seen_from(T_b_f), self.right.seen_from(T_b_f))
+        return type(self)(self.left.at_other_poses(T_b_f), self.right.at_other_poses(T_b_f))
 
-    def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
+    def result_fields(self, target: Array, covariance: Array) -> dict[str, Any]:
         """Both planes."""
         left = self.left.estimated_plane(target[:3], covariance[:3, :3])
         right = self.right.estimated_plane(target[3:], covariance[3:, 3:])

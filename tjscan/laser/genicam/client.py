@@ -140,8 +140,8 @@ class GenicamClient:
                     pixel_format=frame.pixel_format,
                     columns=frame.width,
                     rows=frame.height,
-                    exposed=when.middle,
-                    uncertainty=when.half,
+                    exposed=when.midpoint,
+                    uncertainty=when.half_length,
                     attempts=attempt,
                 )
         if stale:
@@ -165,7 +165,7 @@ class GenicamClient:
                 self._camera.close()
         self._stream = self._camera = None
 
-    def explain(self, error: Exception) -> errors.LaserFault:
+    def explain_error(self, error: Exception) -> errors.LaserFault:
         """Fault that an error means: a fault itself, or one that the library raised."""
         if isinstance(error, errors.LaserFault):
             return error
@@ -335,7 +335,7 @@ def main() -> None:
     with suppress(EOFError, OSError):  # the main process is gone
         while True:
             request: ClientRequest = connection.recv()
-            connection.send(request.run_on_client(client, client.explain))
+            connection.send(request.run_on_client(client, client.explain_error))
     client.close()
     os._exit(0)  # without waiting for the library's threads
 

@@ -113,7 +113,7 @@ def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -
     The dashboard is slow to report a program's end.
     """
     for late in _polls_until_limit(latch):
-        if dashboard.ask_value("running").lower() != "true":
+        if dashboard.ask_dashboard_value("running").lower() != "true":
             return
         if late:
             raise errors.ArmBusy(
