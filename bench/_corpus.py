@@ -25,7 +25,7 @@ from tjscan.calibration.wizard.logbook import (
     SkippedPose,
     read_calibration_entries,
 )
-from tjscan.cli.options.overrides import parse_overrides
+from tjscan.cli.options.shared import parse_overrides
 from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance

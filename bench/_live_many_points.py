@@ -30,7 +30,7 @@ def main() -> None:
         for k in range(PIECES):
             points = rng.normal((0.01 * k, 0.0, 0.0), 0.05, (EACH, 3))
             piece = MeasuredPiece(points, none, none.astype(int), {"number": float(k)})
-            page.show(Step(drawn={f"piece/{k}": piece}, facts={"points": str(EACH * (k + 1))}))
+            page.show_step(Step(drawn={f"piece/{k}": piece}, facts={"points": str(EACH * (k + 1))}))
         print(json.dumps({"url": page.url}), flush=True)
         sys.stdin.readline()
         print(json.dumps({"resident": resident_bytes()}), flush=True)

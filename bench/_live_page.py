@@ -119,7 +119,7 @@ def traffic_rows(run: Path) -> Iterator[Row]:
         client.receive()
         for step in show.steps:
             begun = time.thread_time()
-            page.show(step)
+            page.show_step(step)
             seconds.append(time.thread_time() - begun)
             sizes.append(client.receive())
         bound = _bound_addresses(page.server.get_port())

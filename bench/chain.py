@@ -51,8 +51,8 @@ def run_cell(seed: int, *, arm: bool) -> CellErrors:
     chain = read_chain(EXAMPLE).with_shared_keys({"simulation.seed": seed})
     with TemporaryDirectory() as folder:
         found = run_chain(chain, Path(folder), arm=arm)
-    whole = read_scan_job(chain.scan, chain.both)
-    joint = ScanContext(whole, chain.scan).joint
+    whole = read_scan_job(Path(chain.scan), chain.both)
+    joint = ScanContext(whole, Path(chain.scan)).joint
     if joint is None or whole.joint is None:
         raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     T_j_w = inverse_pose(whole.joint.T_w_j)

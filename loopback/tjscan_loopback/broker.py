@@ -1,4 +1,4 @@
-"""A broker of its own for whoever wants one under control: mosquitto, on this machine alone."""
+"""A broker of its own, under control: mosquitto, on this machine alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ START_LIMIT: Final = 20.0
 
 
 def find_mosquitto() -> str | None:
-    """Path of the program mosquitto; None where it is not installed."""
+    """Path of the program mosquitto; None if it is not installed."""
     return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
 
 

@@ -21,7 +21,7 @@ def ur_loopback(
     calibration_seed: int | None = None,
     attached: bool = False,
 ) -> None:
-    """Stand in for a Universal Robots controller on this machine, until interrupted.
+    """Simulate a Universal Robots controller on this machine, until interrupted.
 
     A line on stdin commands a fault: protective-stop, emergency-stop, power-off, local-mode,
     drop-link, freeze, refuse-targets, stop-program, miss-target or refuse-stop; clear sets all
@@ -68,7 +68,7 @@ def laser_loopback(
     serial: str = "1",
     attached: bool = False,
 ) -> None:
-    """Stand in for a GigE Vision line laser on this machine, until interrupted.
+    """Simulate a GigE Vision line laser on this machine, until interrupted.
 
     It sends the profiles of a job's simulated laser, or of a recording, one after another.
     Every key of the job file is an option too. A line on stdin commands a fault: loss PER_CENT,
@@ -92,7 +92,7 @@ def laser_loopback(
     attached
         End when stdin ends.
     """
-    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan.cli.options.shared import parse_overrides
     from tjscan_loopback.profiles import run_loopback_laser
 
     run_loopback_laser(
@@ -115,7 +115,7 @@ def vehicle_loopback(
     seed: int = 0,
     attached: bool = False,
 ) -> None:
-    """Stand in for vehicles on this machine, behind an MQTT broker on it, until interrupted.
+    """Simulate vehicles on this machine, behind an MQTT broker on it, until interrupted.
 
     With the job of a tow they hold its cable and are seen by a tracker; else they are crawlers. A
     line on stdin commands a fault: drive-fault, drop-link, freeze, stale or nan; of crawlers slip,

@@ -234,7 +234,7 @@ class VehicleLoopbackProcess(LoopbackProgram):
         return float(self.wait_for_line(f"at rest {vehicle} ", timeout=timeout).split()[-1])
 
     def ask_for_truth(self) -> dict[str, Any]:
-        """What is true of a tow, and was since it began; see `TowingBodies.tell_truth`."""
+        """What is true of a tow, and was since it began; see `TowingBodies.truth_as_json`."""
         self.write_line(TRUTH_COMMAND)
         line = self.wait_for_line(f"{TRUTH_COMMAND} ")
         truth: dict[str, Any] = json.loads(line.removeprefix(TRUTH_COMMAND))

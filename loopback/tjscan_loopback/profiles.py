@@ -86,7 +86,7 @@ class RecordedProfiles:
     Parameters
     ----------
     profiles : sequence of Profile
-        One at least; those of another number of points than the first are left out.
+        One at least; profiles of another number of points than the first are left out.
     """
 
     def __init__(self, profiles: Sequence[Profile]) -> None:

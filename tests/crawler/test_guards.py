@@ -141,7 +141,7 @@ def test_a_joint_that_leaves_the_line_is_one_too_many() -> None:
 def test_nothing_drives_over_an_edge_but_away_from_it() -> None:
     found = guards()
     found.watch_vehicle(VehicleState(0.0, Twist(0.1, 0.0), proximity=(inf, inf, 0.03, 0.03)))
-    assert not found.stands_on_steel
+    assert not found.is_on_steel
     found.check_command(Twist(-0.05, 0.0))
     with pytest.raises(CrawlStopped, match="front left, front right"):
         found.check_command(Twist(0.01, 0.0))

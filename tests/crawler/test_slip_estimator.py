@@ -139,9 +139,10 @@ def test_a_way_that_nobody_saw_does_not_contradict_what_was_known(turn: int) -> 
     sure = estimator.estimate
     d = slope * way + GEOMETRY.laser_to_torch * turn * way / radius
     assert SlipEstimator(GEOMETRY, sure, UNSURE).read(d, SIGMA) > 100
-    doubts = sure.after_unseen_way(way, radius)
+    doubts = sure.with_unseen_travel(way, radius)
     assert SlipEstimator(GEOMETRY, doubts, UNSURE).read(d, SIGMA) < 4
-    assert SlipEstimator(GEOMETRY, sure.after_unseen_way(0.0, radius), UNSURE).read(d, SIGMA) > 100
+    same = sure.with_unseen_travel(0.0, radius)
+    assert SlipEstimator(GEOMETRY, same, UNSURE).read(d, SIGMA) > 100
 
 
 def test_a_reversal_leaves_what_slip_is_off_by_for_now_unknown() -> None:

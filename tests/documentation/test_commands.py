@@ -16,7 +16,7 @@ from documented import DOCUMENTS, ROOT, commands_of, fenced_blocks, without_bloc
 
 import tjscan as api
 from tjscan.cli import add_commands_of_packages, app
-from tjscan.cli.options.overrides import parse_overrides
+from tjscan.cli.options.shared import parse_overrides
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.files import (
     has_recorded_profiles,

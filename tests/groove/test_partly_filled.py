@@ -14,8 +14,10 @@ GROOVE = Groove(curvature=1.5)
 NOISE = Noise(0.03 * MM)
 
 
-def filled(groove: Groove, share: float, bow: float = 0.0, beads: int = 1) -> list[Array]:
-    """The outline with weld up to a share of the bevel, and as far out on the leg.
+def filled(
+    groove: Groove, share: float, bow: float = 0.0, beads: int = 1, out: float = 1.0
+) -> list[Array]:
+    """The outline with weld up to a share of the bevel, and `out` times as far out on the leg.
 
     `bow` is the height of each bead over its chord, as a share of it; positive is convex.
     """
@@ -23,8 +25,8 @@ def filled(groove: Groove, share: float, bow: float = 0.0, beads: int = 1) -> li
     rise = share * groove.bevel
     leg = groove.outline()[3]
     toe = p3 + rise * (p2 - p3) / groove.bevel
-    other = arc(p4, groove.directions[3], groove.curvature, rise)[-1]
-    beyond = leg[(leg - p4) @ groove.directions[3] > rise]
+    other = arc(p4, groove.directions[3], groove.curvature, out * rise)[-1]
+    beyond = leg[(leg - p4) @ groove.directions[3] > out * rise]
     s = np.linspace(0, 1, 60 * beads + 1)
     chord = other - toe
     towards = turned(chord, np.pi / 2)
@@ -51,6 +53,20 @@ def test_the_area_of_what_is_left_is_measured(share: float, bow: float) -> None:
         section = read_groove(seen(sides, NOISE, seed))
         assert section.area == pytest.approx(area_left(GROOVE, sides), rel=0.015, abs=0.8e-6)
         assert ROOT_NOT_SEEN not in section.conditions
+
+
+@pytest.mark.parametrize("left", [1.5, 2.0, 2.5, 3.0, 4.0])
+@pytest.mark.parametrize("out", [0.3, 0.5, 1.6])
+def test_a_short_rest_of_the_bevel_is_no_rounded_edge(left: float, out: float) -> None:
+    """The flat weld may be taken for the bevel, but not surely."""
+    sides = filled(GROOVE, 1 - left * MM / GROOVE.bevel, out=out)
+    for seed in range(4):
+        try:
+            section = read_groove(seen(sides, NOISE, seed))
+        except GrooveNotFound:
+            continue
+        off = np.linalg.norm(section.points_s[1, [0, 2]] - GROOVE.corners[0])
+        assert off < 1 * MM or np.sqrt(np.trace(section.corner_covariances_s[0])) > 0.4 * MM
 
 
 @pytest.mark.parametrize("beads", [2, 3])

@@ -12,10 +12,18 @@ from hypothesis import strategies as st
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.candidates import BEAD_KIND, CANDIDATE_KINDS, propose_candidates
-from tjscan.groove.chains import LEAST_SUPPORT_SHARE, SIDE_LENGTH_SLACK, ChainSearch, kinds_of_sides
+from tjscan.groove.chains import (
+    FEWEST_INNER_POINTS,
+    FEWEST_OUTER_POINTS,
+    LEAST_SUPPORT_SHARE,
+    SIDE_LENGTH_SLACK,
+    ChainSearch,
+    kinds_of_sides,
+)
 from tjscan.groove.pieces import (
     LEAST_UNEVENNESS,
     LONGEST_PIECE_BLOCKS,
+    NOISE_INFLATION,
     PIECE_COST,
     POINTS_PER_BLOCK,
     ProjectivePoints,
@@ -24,7 +32,6 @@ from tjscan.groove.pieces import (
 )
 from tjscan.groove.read import fit_groove, order_points, read_groove
 from tjscan.groove.reflections import PointRuns, find_runs
-from tjscan.groove.search import NOISE_INFLATION
 from tjscan.groove.settings import (
     BUTT_V,
     DEFAULT_SETTINGS,
@@ -53,8 +60,8 @@ def drawn(seed: int, noise: float = 0.03, ghosts: float = 0.0) -> OrderedProfile
 def search_of(row: OrderedProfilePoints) -> tuple[ChainSearch, ProjectivePoints, PointRuns]:
     points = project_points(row, DEFAULT_SETTINGS.noise)
     runs = find_runs(row.points, row.columns)
-    pieces = find_pieces(points, runs, NOISE_INFLATION)
-    candidates = propose_candidates(points, pieces, NOISE_INFLATION)
+    pieces = find_pieces(points, runs)
+    candidates = propose_candidates(points, pieces)
     return ChainSearch(points, candidates, runs, TOLERANCE), points, runs
 
 
@@ -79,8 +86,8 @@ def test_no_other_division_into_lines_costs_less(seed: int) -> None:
     row = ordered(np.column_stack((x, z + random.normal(0, 0.03 * MM, len(x)))))
     points = project_points(row, 0.05 * MM)
     runs = PointRuns(np.array([0]), np.array([len(x)]), np.array([False]))
-    pieces = find_pieces(points, runs, 1.0)
-    variance = points.noise**2 + LEAST_UNEVENNESS**2
+    pieces = find_pieces(points, runs)
+    variance = NOISE_INFLATION * (points.noise**2 + LEAST_UNEVENNESS**2)
 
     def cost(edges: tuple[int, ...]) -> float:
         total = 0.0
@@ -102,9 +109,9 @@ def test_a_long_line_is_divided_and_grown_together_again() -> None:
     x = np.linspace(20, -20, count) * MM
     row = ordered(np.column_stack((x, 0.2 + 0.3 * x)))
     points = project_points(row, DEFAULT_SETTINGS.noise)
-    pieces = find_pieces(points, find_runs(row.points, row.columns), NOISE_INFLATION)
+    pieces = find_pieces(points, find_runs(row.points, row.columns))
     assert len(pieces.first) > 1
-    candidates = propose_candidates(points, pieces, NOISE_INFLATION)
+    candidates = propose_candidates(points, pieces)
     assert (candidates.first == points.u[0]).any()
     assert ((candidates.first == points.u[0]) & (candidates.last == points.u[-1])).any()
     np.testing.assert_allclose(candidates.distances(points)[0], 0, atol=1e-9)
@@ -117,8 +124,8 @@ def test_a_candidate_is_the_curve_that_it_is_drawn_as(radius: float) -> None:
     circle = abs(radius) * MM * np.column_stack((np.sin(angle), np.cos(angle) - 1))
     row = ordered((circle * (1, np.sign(radius))) @ np.array([[0.8, 0.6], [-0.6, 0.8]]) + (0, 0.2))
     points = project_points(row, DEFAULT_SETTINGS.noise)
-    pieces = find_pieces(points, find_runs(row.points, row.columns), NOISE_INFLATION)
-    candidates = propose_candidates(points, pieces, NOISE_INFLATION)
+    pieces = find_pieces(points, find_runs(row.points, row.columns))
+    candidates = propose_candidates(points, pieces)
     length = (candidates.last - candidates.first) * (candidates.kind == BEAD_KIND)
     longest = int(length.argmax())
     curve = candidates.as_curves([longest])[0]
@@ -152,7 +159,9 @@ def test_no_other_chain_of_candidates_costs_less(model: GrooveModel, seed: int) 
             n < LEAST_SUPPORT_SHARE * (b - a) for n, (_, a, b) in zip(shown, spans, strict=True)
         ):
             continue
-        if min(shown[1:-1]) < 2.8 or min(shown[0], shown[-1]) < 8:
+        if min(shown[1:-1]) < FEWEST_INNER_POINTS:
+            continue
+        if min(shown[0], shown[-1]) < FEWEST_OUTER_POINTS:
             continue
         lengths = np.hypot(np.diff(corners.x[pair]), np.diff(corners.z[pair]))
         if any(

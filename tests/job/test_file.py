@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tjscan.cli.options.overrides import parse_overrides
+from tjscan.cli.options.shared import parse_overrides
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.settings import DEFAULT_SETTINGS
 from tjscan.job.files import ScanJob, read_scan_job

@@ -11,7 +11,7 @@ from cells import CLOCKWISE, EXAMPLES, FAULTLESS, PAPER, Notes
 from command import tjscan
 from station_jobs import WHOLE, data_of, moved, paper_at_a_station, pose_of, written
 
-from tjscan.cli.options.overrides import parse_overrides
+from tjscan.cli.options.shared import parse_overrides
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core import config
 from tjscan.core.config import read_toml

@@ -22,7 +22,7 @@ def test_a_button_pressed_while_others_are_added_finds_them_all(
 
         def add_and_press(word: str, **how: Any) -> Any:
             handle = add(word, **how)
-            pressed.append(browser.submit(page.enable, dict.fromkeys(words, False)))
+            pressed.append(browser.submit(page.enable_buttons, dict.fromkeys(words, False)))
             return handle
 
         monkeypatch.setattr(page.server.gui, "add_button", add_and_press)

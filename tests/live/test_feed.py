@@ -12,7 +12,7 @@ def test_entries_come_in_their_order() -> None:
     shown: list[int] = []
     feed = LiveFeed(shown.extend, pytest.fail)
     for k in range(100):
-        feed.post(k)
+        feed.post_entry(k)
     feed.close()
     assert shown == list(range(100))
 
@@ -26,10 +26,10 @@ def test_a_page_that_hangs_holds_nobody_up() -> None:
         going.wait()
 
     feed = LiveFeed(hang, said.append)
-    feed.post(0)
+    feed.post_entry(0)
     assert seen.wait(10)
     for k in range(3 * FEED_CAPACITY):
-        feed.post(k)
+        feed.post_entry(k)
     assert feed.dropped == 2 * FEED_CAPACITY
     going.set()
     feed.close()
@@ -48,9 +48,9 @@ def test_a_page_that_dies_is_reported_once_and_left_alone() -> None:
         dead.set()
 
     feed = LiveFeed(die, say)
-    feed.post(1)
+    feed.post_entry(1)
     assert dead.wait(10)
-    feed.post(2)
+    feed.post_entry(2)
     feed.close()
     assert len(said) == 1
     assert "the run goes on" in said[0]

@@ -53,8 +53,8 @@ def hand(clock: Clock) -> PageHandDrive:
 def test_it_drives_while_it_hears_that_a_button_is_held(hand: PageHandDrive, clock: Clock) -> None:
     assert hand.order() == AT_REST
     driven = []
-    for word in hand.words:
-        hand.hear(word)
+    for word in hand.button_words:
+        hand.note_held(word)
         driven.append(hand.order())
         clock.wait(BUTTON_HOLD_LIFETIME)
         assert hand.order() == AT_REST
@@ -63,14 +63,14 @@ def test_it_drives_while_it_hears_that_a_button_is_held(hand: PageHandDrive, clo
 
 
 def test_two_that_contradict_each_other_stop_it(hand: PageHandDrive) -> None:
-    for word in hand.words[:2]:
-        hand.hear(word)
+    for word in hand.button_words[:2]:
+        hand.note_held(word)
     assert hand.order() == AT_REST
 
 
 def test_once_begun_nothing_held_is_heard(hand: PageHandDrive) -> None:
-    hand.start()
-    hand.hear(FORWARD)
+    hand.start_crawl()
+    hand.note_held(FORWARD)
     assert hand.order() is None
 
 
@@ -88,10 +88,10 @@ class StopsOnceItStands:
         self.cycles: list[CrawlCycle] = []
         self.heard_at = 0.0
 
-    def hear(self) -> None:
+    def note_held(self) -> None:
         """Hand on that the button is held; note when, by the vehicle's clock."""
         self.heard_at = self.cycles[-1].state.time
-        self._hand.hear(FORWARD)
+        self._hand.note_held(FORWARD)
 
     def record(self, cycle: object) -> None:
         if not isinstance(cycle, CrawlCycle):
@@ -100,7 +100,7 @@ class StopsOnceItStands:
         if cycle.state.odometry.speed > 0.5 * SPEED:
             self.drives.set()
         elif self.drives.is_set() and abs(cycle.state.odometry.speed) < 1e-3:
-            self._hand.start()
+            self._hand.start_crawl()
         if cycle.phase is not Phase.MANUAL or cycle.state.time > LONGEST:
             raise KeyboardInterrupt
 
@@ -123,7 +123,7 @@ def test_a_browser_that_is_lost_stops_it_in_half_a_second(tmp_path: Path) -> Non
     hand = PageHandDrive.of_job(job)
     notes, cell = StopsOnceItStands(hand), make_crawl_cell(job)
     context = CrawlContext(job, file, notes, hand=hand)
-    button = Button(FORWARD, lambda: notes.hear(), held=True)
+    button = Button(FORWARD, lambda: notes.note_held(), held=True)
     with Page([SceneSetup("crawler")], PageAddress(port=0)) as page, cell:
         page.add_buttons([button])
         browser = Thread(target=partial(hold_until_it_drives, page, notes.drives))
@@ -150,7 +150,7 @@ def test_driven_by_hand_it_forgets_where_it_was_and_not_how_it_slips(tmp_path: P
             method.read(0.01, 1e-4)
             method.move(Twist(SPEED, 0.002), 0.01, Twist(SPEED, 0.002))
         assert method.torch != first
-        method.set_down_anew()
+        method.forget_place()
         assert replace(method.torch, sigma=0.0) == replace(first, sigma=0.0)
         assert method.torch.sigma == pytest.approx(first.sigma)
         assert (method.slip is None) == (at_first is None)

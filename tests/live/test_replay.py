@@ -49,7 +49,7 @@ def test_every_section_is_a_piece_with_its_measures(show: RecordedShow) -> None:
 
 
 def test_a_browser_gets_all_of_it(show: RecordedShow, replay: Replay) -> None:
-    replay.move_to(len(show.steps) - 1)
+    replay.move_to_step(len(show.steps) - 1)
     with page_client(replay.page) as client:
         client.receive()
     assert {f"/run/{name}/points" for name in pieces(show)} <= client.names()
@@ -65,7 +65,7 @@ def test_the_slider_hides_what_came_later(show: RecordedShow, replay: Replay) ->
     stage = replay.page.views[0].stage
     first = next(k for k, step in enumerate(show.steps) if step.samples)
     for number, seen in ((first, 1), (0, 0), (len(show.steps) - 1, len(pieces(show)))):
-        replay.move_to(number)
+        replay.move_to_step(number)
         shown = [name for name in pieces(show) if all(n.visible for n in stage.nodes[name])]
         assert len(shown) == seen
         assert len(replay.page.views[0].panel.samples) == seen
@@ -73,19 +73,19 @@ def test_the_slider_hides_what_came_later(show: RecordedShow, replay: Replay) ->
 
 def test_the_slider_takes_back_what_was_said_later(show: RecordedShow, replay: Replay) -> None:
     panel = replay.page.views[0].panel
-    replay.move_to(len(show.steps) - 1)
+    replay.move_to_step(len(show.steps) - 1)
     assert "groove angle" in panel.state.content
-    replay.move_to(0)
+    replay.move_to_step(0)
     assert "groove angle" not in panel.state.content
 
 
 def test_moving_the_slider_sends_no_piece_twice(show: RecordedShow, replay: Replay) -> None:
     last = len(show.steps) - 1
-    replay.move_to(last)
+    replay.move_to_step(last)
     with page_client(replay.page) as client:
         whole = client.receive()
-        replay.move_to(0)
-        replay.move_to(last)
+        replay.move_to_step(0)
+        replay.move_to_step(last)
         assert client.receive() < 0.2 * whole
 
 

@@ -82,7 +82,7 @@ def test_a_section_is_sent_in_20_kilobytes_to_two_browsers_alike() -> None:
     with page, page_client(page) as one, page_client(page) as other:
         one.receive(), other.receive()
         for step in show.steps:
-            page.show(step)
+            page.show_step(step)
             sizes.append((one.receive(), other.receive()))
     number = sum(bool(step.samples) for step in show.steps)
     first, second = np.sum(sizes, axis=0) / number

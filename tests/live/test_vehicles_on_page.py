@@ -45,7 +45,7 @@ def crawl_cycle(travel: float, *, time: float = 0.0, right: float = 0.002) -> Cr
 
 def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
-    steps = [show.step(crawl_cycle(x)) for x in (0.0, 0.001, 0.02, 0.04)]
+    steps = [show.step_of_entry(crawl_cycle(x)) for x in (0.0, 0.001, 0.02, 0.04)]
     places = [step.drawn["vehicle"] for step in steps]
     assert [one.T[:2, 3].tolist() for one in places if isinstance(one, BodyPose)] == [
         [x, -0.002] for x in (0.0, 0.001, 0.02, 0.04)
@@ -91,14 +91,14 @@ def test_a_tow_shows_cable_vehicles_clearance_and_forces() -> None:
     pairs = np.zeros((count, 2))
     cycle = TowCycle(5.0, 0.1, 1.0, poses, poses, pairs, poses, poses, beside, plan, 0.01, 0.1)
     show = TowShow(job, "tow")
-    step = show.step(cycle)
+    step = show.step_of_entry(cycle)
     assert show.setting.bodies.keys() <= step.drawn.keys()
     cable = step.drawn["cable"]
     assert isinstance(cable, Lines)
     assert len(cable.segments) == links
     assert step.samples[0].values[CABLE_CLEARANCE_MEASURE.name] == pytest.approx(800, rel=0.02)
     truth = TowTruth(5.0, line, poses, np.array((3.0, 4.0, 0.0)), np.zeros(count), beside[:, :3])
-    facts = show.step(truth).facts
+    facts = show.step_of_entry(truth).facts
     assert facts["force on the welder"] == "5.0 N"
     assert facts["largest force of a vehicle"] == "0.0 N"
 
@@ -132,22 +132,27 @@ def test_vehicles_are_apart_from_rim_to_rim() -> None:
 
 def test_a_stop_is_shown_in_state_and_diagram() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
-    step = show.step(RunEvent("stop", "interrupted"))
+    step = show.step_of_entry(RunEvent("stop", "interrupted"))
     assert step.diagram is not None
     assert step.diagram.now == step.facts[STATE_FACT] == "stop"
-    assert show.step(RunEvent("arc on", "pass 1")).diagram is None
+    assert show.step_of_entry(RunEvent("arc on", "pass 1")).diagram is None
     tow = TowShow(read_tow_job(TOW), "tow")
-    assert tow.step(RunEvent("stop", "interrupted")).facts == {STATE_FACT: "stop: interrupted"}
+    assert tow.step_of_entry(RunEvent("stop", "interrupted")).facts == {
+        STATE_FACT: "stop: interrupted"
+    }
 
 
 def test_the_slider_hides_a_state_of_later() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
-    steps = (show.step(RunEvent("warning", "short")), show.step(RunEvent("stop", "danger")))
+    steps = (
+        show.step_of_entry(RunEvent("warning", "short")),
+        show.step_of_entry(RunEvent("stop", "danger")),
+    )
     replay = Replay([RecordedShow(show.setting, steps)], PageAddress(port=0))
     with replay.page:
         panel = replay.page.views[0].panel
         for number, shown in ((1, True), (0, False), (1, True)):
-            replay.move_to(number)
+            replay.move_to_step(number)
             assert panel.diagram.visible is shown
 
 

@@ -46,7 +46,7 @@ def run(plan: WeldPlan, *, arc: bool) -> tuple[Array, Array, Array]:
     one = BeadPath(bead, np.array([path[0] @ back, path[0]]), path, (path[-1] @ back)[None])
     script = path_to_urscript(StationPath("a", HOME, (one,)), plan.wps.torch, OUTPUT, arc=arc)
     told: list[str] = []
-    controller = LoopbackController(KINEMATICS, HOME, hz=HZ, fast=False, tell=told.append)
+    controller = LoopbackController(KINEMATICS, HOME, hz=HZ, fast=False, report_line=told.append)
     controller.start_script(script)
     tips, outputs = [], []
     for _ in range(int(60 * HZ)):

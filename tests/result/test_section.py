@@ -67,7 +67,7 @@ def tolerance(field: SectionQuantity, values: Array, length: LengthUnit) -> Arra
 
 def expected(field: SectionQuantity, length: LengthUnit) -> Array:
     """What a file must hold, converted here from SI units."""
-    raw = np.asarray(field.raw_values(SECTIONS), dtype=float)
+    raw = np.asarray(field.values_in_si_units(SECTIONS), dtype=float)
     return raw * PER_SI[SUFFIX[length][field.unit.suffix]]
 
 
@@ -119,7 +119,7 @@ def same(now: MeasuredSection, was: MeasuredSection) -> None:
         if field.text:
             assert getattr(now, field.name) == getattr(was, field.name)
             continue
-        a, b = field.values([now]), field.values([was])
+        a, b = field.values_in_file_units([now]), field.values_in_file_units([was])
         assert (np.abs(a - b) <= 2 * tolerance(field, b, "mm") + 1e-12).all(), field.name
 
 
@@ -174,5 +174,5 @@ def test_an_unknown_azimuth_is_left_empty() -> None:
 
 def test_axes_are_those_of_frame_g() -> None:
     section = SECTIONS[0]
-    axes = FIELD_BY_NAME["axes"].values([section])[0]
+    axes = FIELD_BY_NAME["axes"].values_in_file_units([section])[0]
     np.testing.assert_allclose(axes, inverse_pose(section.T_r_g)[:3, :3])

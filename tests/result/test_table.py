@@ -53,8 +53,8 @@ def test_sections_come_back_to_the_printed_digits(
         np.testing.assert_allclose(now.T_r_g[:3, :3], was.T_r_g[:3, :3], atol=PRINTED_AXIS)
         np.testing.assert_allclose(now.covariances, was.covariances, rtol=SIX_DIGITS, atol=0)
         np.testing.assert_allclose(
-            [field.values([now])[0] for field in MEASURE_FIELDS],
-            [field.values([was])[0] for field in MEASURE_FIELDS],
+            [field.values_in_file_units([now])[0] for field in MEASURE_FIELDS],
+            [field.values_in_file_units([was])[0] for field in MEASURE_FIELDS],
             atol=0.51e-3,
         )
         # Correlations are printed with five decimals.

@@ -105,7 +105,7 @@ def test_the_same_estimator_believes_the_same_again(run: Path, tmp_path: Path) -
     assert read_passes(tmp_path / "again") == read_passes(run)
 
 
-def test_a_vehicle_that_was_set_down_anew_is_believed_there_again(tmp_path: Path) -> None:
+def test_a_vehicle_that_was_set_down_again_is_estimated_there(tmp_path: Path) -> None:
     run = crawl_in_two_parts(tmp_path, "slip-aware", place=0.011)
     replay_crawl(run, {}, tmp_path / "again")
     before, after = read_recorded_crawl(run), read_recorded_crawl(tmp_path / "again")

@@ -59,7 +59,7 @@ def followed(run: Path, number: int) -> tuple[Array, Array]:
     tcp = read_wps(WPS).torch.tcp.T
     (joints,) = (line for line in head if "movej" in line)
     q = np.array([float(x) for x in joints[joints.index("[") + 1 : joints.index("]")].split(",")])
-    controller = LoopbackController(arm, q, hz=HZ, fast=False, tell=told.append)
+    controller = LoopbackController(arm, q, hz=HZ, fast=False, report_line=told.append)
     controller.start_script("\n".join((*head, *part, "end")))
     tips, outputs = [], []
     while told[-1] != "program stopped":

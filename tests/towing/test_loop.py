@@ -78,9 +78,9 @@ class Rig:
             self.kept,
         )
 
-    def run(self, stood: float = 0.0) -> None:
+    def run(self, elapsed: float = 0.0) -> None:
         try:
-            self.tow.run(stood=stood)
+            self.tow.run(elapsed=elapsed)
         finally:
             assert all(vehicle.stopped for vehicle in self.team.vehicles)
 
@@ -89,7 +89,7 @@ def test_a_welder_that_stands_goes_on_with_what_is_left_of_its_time() -> None:
     seam = SeamSettings(points=((3.0, 0.0),), heading=0.0, seconds=2.0)
     whole, rest = Rig(seam=seam), Rig(seam=seam)
     whole.run()
-    rest.run(stood=1.5)
+    rest.run(elapsed=1.5)
     assert len(whole.kept.cycles) == 20
     assert len(rest.kept.cycles) == 5
 

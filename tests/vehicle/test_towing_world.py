@@ -186,7 +186,7 @@ def test_vehicles_drive_as_told() -> None:
     np.testing.assert_allclose(driven.truth().poses[0] - before, (0.1, -0.05, 0), atol=5e-3)
     assert driven.state(0).odometry.speed == pytest.approx(0.1, abs=5e-3)
     drive(driven, [None], 1.0)
-    assert driven.stands(0)
+    assert driven.is_at_rest(0)
     assert start[2] == 0.0
 
 

@@ -117,7 +117,7 @@ def transform_line(T_b_s: Array, line_s: PluckerLine) -> PluckerLine:
 
 
 def incidence_residuals(line: PluckerLine, plane: PluckerPlane) -> Array:
-    """Both conditions of eq. (17), shape (..., 4); all zero if a line lies in the plane.
+    """Both conditions of eq. (17), shape (..., 4); all zero if a line is in the plane.
 
     Parameters
     ----------

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
-from tjscan.cli.options.overrides import JobKeys, parse_overrides
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.shared import JobKeys, LiveOptions, parse_overrides
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -70,7 +69,7 @@ def calibrate(
     from tjscan.result.directory import JOB_FILE
 
     mode, page, keys = mode or CalibrationMode(), page or LiveOptions(), parse_overrides(overrides)
-    page.check()
+    page.check_options()
     if page.live and (mode.unattended or (job is None and resume is None)):
         raise ConfigurationError("--live asks a person on a page, in the cell of a job")
     file = job if resume is None else resume / JOB_FILE

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from tjscan.cli.options.overrides import JobKeys, parse_overrides
-from tjscan.cli.options.page import LiveCrawlOptions
+from tjscan.cli.options.shared import JobKeys, LiveCrawlOptions, parse_overrides
 from tjscan.core.errors import ConfigurationError
 from tjscan.result.directory import dated_sibling_directory, default_run_directory
 
@@ -33,7 +32,7 @@ class CrawlResumeOptions:
     overlap: float = 20.0
     place: float | None = None
 
-    def check(self) -> None:
+    def check_options(self) -> None:
         """Check that the options go together; raises ConfigurationError if not."""
         if self.place is not None and not self.resume:
             raise ConfigurationError("--place goes with --resume: a new crawl begins at its start")
@@ -82,8 +81,8 @@ def run(
     parsed = read_crawl_job(file, keys)
     if again.resume and (out is not None or keys):
         raise ConfigurationError("--resume goes on with the job of the run: no --out, no keys")
-    again.check()
-    page.check()
+    again.check_options()
+    page.check_options()
     if page.wait and again.resume:
         raise ConfigurationError("--wait goes with a new crawl: --resume knows where it is")
     # A job with a mistake in it is refused before anything heavy is loaded.

@@ -42,7 +42,7 @@ class ProgramOptions:
     send_to: Path | None = None
     station: str | None = None
 
-    def check(self) -> None:
+    def check_options(self) -> None:
         """Check that the options go together; raises ConfigurationError if not."""
         if not 0 <= self.output <= 7:
             raise ConfigurationError("must be 0 to 7", key="--output")
@@ -82,7 +82,7 @@ def plan(
         Print the plan as JSON on stdout.
     """
     program = program or ProgramOptions()
-    program.check()
+    program.check_options()
     if after_pass < 0:
         raise ConfigurationError("must be 0 or more", key="--after-pass")
     arm = None

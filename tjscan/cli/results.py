@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from cyclopts import Parameter
 
-from tjscan.cli.options.page import PageOptions
+from tjscan.cli.options.shared import PageOptions
 from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.signals import wait_for_ctrl_c
@@ -329,7 +329,7 @@ def view(*runs: Path, page: PageOptions | None = None) -> None:
     """
     if not runs:
         raise ConfigurationError("view takes one run directory or more")
-    where = (page or PageOptions()).where
+    where = (page or PageOptions()).page_address
     with show_phase("reading the recordings"):
         from tjscan.live.page import Replay
         from tjscan.runs.tasks import read_recorded_show

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from tjscan.cli.options.overrides import JobKeys, parse_overrides
-from tjscan.cli.options.page import LiveScanOptions
+from tjscan.cli.options.shared import JobKeys, LiveScanOptions, parse_overrides
 from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
 from tjscan.result.directory import default_run_directory
@@ -75,7 +74,7 @@ def scan(
     file = job / "job.toml" if resume else job
     parsed = read_scan_job(file, keys)
     page = page or LiveScanOptions()
-    page.check()
+    page.check_options()
     # A job with a mistake in it is refused before anything heavy is loaded.
 
     with show_phase("loading arm and laser"):
@@ -137,12 +136,7 @@ def teach(
     print_message(f"{job}: {'.'.join(taught.key)} is now {list(position)} mm, {list(angles)}°")
 
 
-def doctor(
-    job: Path,
-    *overrides: JobKeys,
-    station: str | None = None,
-    json: bool = False,
-) -> None:
+def doctor(job: Path, *overrides: JobKeys, station: str | None = None, json: bool = False) -> None:
     """Check a job's cell: files, arm, laser, and the way to its start poses. Nothing moves.
 
     Parameters
@@ -211,12 +205,7 @@ def laser(
                 keep(reading.profile)
 
 
-def reprocess(
-    run: Path,
-    *overrides: JobKeys,
-    out: Path | None = None,
-    json: bool = False,
-) -> None:
+def reprocess(run: Path, *overrides: JobKeys, out: Path | None = None, json: bool = False) -> None:
     """Read a run's recorded profiles again with other settings, into a new directory.
 
     Keys of the job for reading profiles are options: ``--groove.noise-mm 0.1``; so is
@@ -310,7 +299,5 @@ def _stitch_settings(
     ):
         if not 0 < value <= most:
             raise ConfigurationError(f"must be more than 0, {most:g} at most", key=f"--{name}")
-    return StitchSettings(
-        ArmRepeatability(1e-3 * repeatability_mm, radians(repeatability_deg)),
-        1e-3 * out_of_round_mm,
-    )
+    repeatability = ArmRepeatability(1e-3 * repeatability_mm, radians(repeatability_deg))
+    return StitchSettings(repeatability, 1e-3 * out_of_round_mm)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tjscan.cli.options.overrides import JobKeys, parse_overrides
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.shared import JobKeys, LiveOptions, parse_overrides
 from tjscan.result.directory import dated_sibling_directory, default_run_directory
 
 
@@ -51,7 +50,7 @@ def run(
             "--resume goes on with the job of the run: no --out, no --dry-run, no keys"
         )
     page = page or LiveOptions()
-    page.check()
+    page.check_options()
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.output.tow import print_seam_feasibility, print_tow_key_figures, watch_tow
     from tjscan.runs.tow.run import resume_tow, run_tow

@@ -154,11 +154,8 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
         apart = np.linalg.norm(moved - feet, axis=1)
         off = np.abs(np.sum((moved - feet) * normals, axis=1))
         near = apart < MOST_PARTNER_DISTANCE
-        _check_enough_points_near(
-            near,
-            "",
-            "they overlap too little, or begin too far apart to be aligned from where they are",
-        )
+        why = "they overlap too little, or begin too far apart to be aligned from where they are"
+        _check_enough_points_near(near, "", why)
         width = 3 * max(mad_sigma(off[near]), LEAST_RESIDUAL_SIGMA)
         if move < CONVERGED_ICP_MOVE or rounds == MOST_ICP_ROUNDS:
             break
@@ -263,11 +260,8 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
     clear = medians[best] < CLEAR_TURN_RESIDUAL_RATIO * medians[1 - best]
     chosen = best if clear else less
     near = off[chosen] < MOST_PARTNER_DISTANCE
-    _check_enough_points_near(
-        near,
-        " once the joints' own frames coincide",
-        "these are two different joints, or one of them was not seen well enough",
-    )
+    why = "these are two different joints, or one of them was not seen well enough"
+    _check_enough_points_near(near, " once the joints' own frames coincide", why)
     T = turns[chosen]
     width = 3 * max(mad_sigma(off[chosen][near]), LEAST_RESIDUAL_SIGMA)
     held = off[chosen] < width

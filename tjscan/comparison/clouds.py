@@ -119,7 +119,7 @@ MEMORY_PER_E57_POINT: Final = 120
 """Bytes of memory that reading a point of an E57 takes."""
 
 FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
-"""Points, triangles or None, and the unit that the file states with where it states it."""
+"""Points, triangles or None, and the unit that the file states and the place where it does."""
 
 
 def read_shape_file(path: Path, options: shapes.UserUnitAndFrame | None = None) -> shapes.Shape:

@@ -169,7 +169,7 @@ SMALLEST_REFERENCE, LARGEST_REFERENCE = 20e-3, 100.0
 """Diagonals of a reference in metres between which its units are accepted."""
 
 LEAST_SIZE_RATIO, LARGEST_SIZE_RATIO = 3e-3, 30.0
-"""Size of what was measured over that of the reference between which units are accepted: a
+"""Size of what was measured over the reference's between which units are accepted: a
 mistaken unit is off by 1000."""
 
 

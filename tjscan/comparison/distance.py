@@ -149,7 +149,7 @@ def median_point_spacing(points: Array) -> float:
 IndexArray = NDArray[np.intp]
 
 INSIDE_TRIANGLE_FEATURE: Final = -1
-"""The feature of a foot that lies inside its triangle."""
+"""The feature of a foot that is inside its triangle."""
 
 
 class MeshFacets:
@@ -171,7 +171,7 @@ class MeshFacets:
 
     Notes
     -----
-    The normal of an edge is the sum of its triangles' normals, that of a vertex is weighted with
+    The normal of an edge is the sum of its triangles' normals, a vertex's is weighted with
     their angles: with these the sign of a distance is right at edges and vertices too
     (Bærentzen and Aanæs 2005, doi:10.1109/TVCG.2005.49).
     """

@@ -211,7 +211,7 @@ def pose_to_euler_zyx(T: Array) -> tuple[Array, Array]:
 
 
 def pose_from_rounded_matrix(T: ArrayLike) -> Array:
-    """Pose whose rotation is the one nearest to that of a matrix printed with few decimals.
+    """Pose whose rotation is the one nearest to a matrix printed with few decimals.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Gaussian processes of one variable: values between and beyond places that were measured.
 
-Symbols are those of [1]_: training inputs x and targets y, noise sigma_n, kernel k with signal
+Symbols are from [1]_: training inputs x and targets y, noise sigma_n, kernel k with signal
 deviation sigma_f and length scale l, test inputs x_star; k_star holds the covariances between
 both, and ``alpha = (K + sigma_n² I)^-1 (y - mean)``.
 

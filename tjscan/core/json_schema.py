@@ -30,7 +30,7 @@ def describe_table(
     schema : dict
         JSON schema of the table; changed in place.
     table : type
-        The class; its docstring and those of its bases are numpydoc.
+        The class; its and its bases' docstrings are numpydoc.
     keys : mapping of str to str
         Key in the file of each field; others are in no file.
     to_file : mapping, optional

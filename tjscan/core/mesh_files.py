@@ -43,7 +43,7 @@ TEXT_MEMORY_RATES: Final = {
 
 PLY_VERTEX_MEMORY: Final = 120
 PLY_FACE_MEMORY: Final = 180
-"""Bytes for each element of a binary PLY, beside those of the file."""
+"""Bytes for each element of a binary PLY, beside the file's own."""
 
 ELEMENT_MEMORY_OF_3MF: Final = 135
 ATTRIBUTE_MEMORY_OF_3MF: Final = 300

@@ -113,7 +113,7 @@ class ClientProcess:
                 self._connection.send(ClientRequest(self._number, name, arguments))
                 while self._connection.poll(max(until - time.monotonic(), 0.0)):
                     answer: ClientAnswer = self._connection.recv()
-                    if answer.number == self._number:  # not that of an interrupted question
+                    if answer.number == self._number:  # not of an interrupted question
                         return answer
             except (EOFError, OSError):
                 raise self._ended(

@@ -48,7 +48,7 @@ SCATTER_MEMORY_LENGTH: Final = 0.3
 """Metres over which the true scatter of those means is learned: it counts if it is larger."""
 
 MOST_SCATTERS: Final = 6.0
-"""Standard deviations: one in 10⁹ of normal means, some 10⁵ of which are seen in an hour."""
+"""Standard deviations: one in 10⁹ of normal means; some 10⁵ means are seen in an hour."""
 
 LARGEST_SURPRISE: Final = 1e-3
 """Metres: a reading farther off counts as no more, so that a single wrong one is no jump."""
@@ -120,8 +120,8 @@ class WheelWatch:
         kept = exp(-way / WHEEL_MEMORY_LENGTH - period / WHEEL_MEMORY_TIME)
         self._behind = kept * self._behind + (self._expected - seen) * period
         self._last = asked, seen
-        both_stand = np.all(np.abs(seen) < STANDING_SHARE * np.abs(asked))
-        if self.difference > MOST_WHEEL_ERROR and not both_stand:
+        both_at_rest = np.all(np.abs(seen) < STANDING_SHARE * np.abs(asked))
+        if self.difference > MOST_WHEEL_ERROR and not both_at_rest:
             raise self.error()
 
     @property

@@ -238,7 +238,7 @@ class ControlCycle:
         self._guards.watch_vehicle(state, period)
         self._guards.watch_progress(twist.speed, state.odometry.speed, period)
         if is_by_hand(self.phase, twist):
-            method.set_down_anew()
+            method.forget_place()
         else:
             if period > 0:
                 method.move(state.odometry, period, twist)

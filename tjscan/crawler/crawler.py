@@ -122,7 +122,7 @@ class Crawler:
         Parameters
         ----------
         start : CrawlStart, optional
-            Where an interrupted crawl left off; from the beginning where left out.
+            Where an interrupted crawl left off; from the beginning if left out.
 
         Raises
         ------
@@ -221,7 +221,7 @@ class Crawler:
     def _wait_for_joint(self) -> None:
         """Wait at rest until the joint was seen for long enough and there is steel all round."""
         seen, limit, waited = 0.0, self._plan.alignment.in_view, 0.0
-        while seen < limit or not self._guards.stands_on_steel:
+        while seen < limit or not self._guards.is_on_steel:
             period, found = self._cycle.run(AT_REST)
             seen = seen + period if found else 0.0
             if waited <= REPORTED_WAIT < waited + period:

@@ -128,7 +128,7 @@ class Guards:
     ) -> None:
         self._settings, self._proximity, self._corners = settings, proximity, corners
         self._blind_travel = self._blind_time = 0.0
-        self._without_sample = self._standing = 0.0
+        self._without_sample = self._stalled = 0.0
 
     def watch_vehicle(self, state: VehicleState, period: float = 0.0) -> None:
         """Look at what the vehicle reports.
@@ -182,10 +182,10 @@ class Guards:
         CrawlStopped
             If it does not move, or goes the other way.
         """
-        standing = asked != 0 and shown / asked < 0.5
+        stalled = asked != 0 and shown / asked < 0.5
         period = min(period, LONGEST_VOUCHED_PERIOD)
-        self._standing = max(self._standing + (period if standing else -period), 0.0)
-        if self._standing > STANDSTILL_TIME:
+        self._stalled = max(self._stalled + (period if stalled else -period), 0.0)
+        if self._stalled > STANDSTILL_TIME:
             raise CrawlStopped(
                 "not moving",
                 f"the drives were asked for {1e3 * asked:g} mm/s, and the encoders show "
@@ -281,6 +281,6 @@ class Guards:
         return self._corners.moves_towards_edge(twist, self._proximity.missing_corners)
 
     @property
-    def stands_on_steel(self) -> bool:
+    def is_on_steel(self) -> bool:
         """Whether there is steel below every corner."""
         return not self._proximity.missing_corners

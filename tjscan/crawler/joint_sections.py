@@ -142,7 +142,7 @@ def section_histories(
     -------
     dict of int to ndarray, shape (m,)
         For each number of passes that were welded, height over the hull at each place of
-        `PLACES_ACROSS`, metres; NaN where nothing was seen.
+        `PLACES_ACROSS`, metres; NaN if nothing was seen.
     """
     heights: dict[int, list[Array]] = {}
     for cycle, profile in profiles:

@@ -10,7 +10,7 @@ from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.vehicle.vehicle import Twist
 
 SURE_SIGMAS: Final = 3.0
-"""Standard deviations within which something surely lies."""
+"""Standard deviations within which something surely is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class FollowingMethod(Protocol):
             the method can't state them.
         """
 
-    def set_down_anew(self) -> None:
+    def forget_place(self) -> None:
         """Forget where the vehicle is beside the joint, not how it slips: it was moved by hand."""
 
     @property

@@ -70,7 +70,7 @@ def read_joint_as_paper(profile: Profile) -> PaperJoint:
     Raises
     ------
     GrooveNotFound
-        If a line from either end meets no edge, or nothing lies between the edges.
+        If a line from either end meets no edge, or nothing is between the edges.
     """
     valid = profile.valid
     x, z = profile.x_s[valid], profile.z_s[valid]

@@ -86,7 +86,7 @@ class PaperFilter:
     Parameters
     ----------
     tracks : TrackGeometry
-        Whose radius and gauge turn the encoders' noise into that of speed and turn rate.
+        Whose radius and gauge turn the encoders' noise into noise of speed and turn rate.
     x : ndarray, shape (5,)
         The first estimate.
     P : ndarray, shape (5, 5)
@@ -140,10 +140,10 @@ class PaperMethod:
 
     def __init__(self, geometry: CrawlerGeometry, tracks: TrackGeometry) -> None:
         self._geometry, self._tracks = geometry, tracks
-        self.set_down_anew()
+        self.forget_place()
 
-    def set_down_anew(self) -> None:
-        """Forget everything; see `FollowingMethod.set_down_anew`."""
+    def forget_place(self) -> None:
+        """Forget everything; see `FollowingMethod.forget_place`."""
         geometry, x = self._geometry, np.zeros(5)
         x[PaperState.LASER_TO_CENTRE] = geometry.laser_to_torch - geometry.centre_to_torch
         self._filter = PaperFilter(self._tracks, x, np.diag(np.square(FIRST_STATE_SIGMAS)))

@@ -40,9 +40,9 @@ class PassRecord:
     read_share : float
         Share of the profiles, while it burned, in which the joint was read.
     true_travel, true_offset, true_deviation, offset_error : ndarray, shape (m,)
-        Where a simulation knows the truth, metres: place along the weld, offset of the vehicle
+        If a simulation knows the truth, metres: place along the weld, offset of the vehicle
         from the joint, deviation of the torch from its path, and how far the estimated offset
-        lies to the right of the true one.
+        is to the right of the true one.
     """
 
     number: int

@@ -102,7 +102,7 @@ class CourseSettings(SettingsTable):
     Parameters
     ----------
     radius : float or None
-        In the hull's surface, metres, positive where it bends to the right of who goes along it;
+        In the hull's surface, metres, positive if it bends to the right of who goes along it;
         None if it is straight.
     radius_sigma : float
         Its standard deviation, as a share of it.

@@ -41,13 +41,13 @@ class ClimbingPadSettings(PadSettings):
 class SizeSettings(SettingsTable):
     """The table [size]: magnets, masses and motors.
 
-    The defaults are those of the paper, but for its motors' gear: behind 1:195 they give 42 N m at
+    The defaults are the paper's, but for its motors' gear: behind 1:195 they give 42 N m at
     6 m/min, too little to turn on less than some 90 m. They have half that gear here.
 
     Parameters
     ----------
     pads : ClimbingPadSettings
-        Of each track, with the vehicle's mass and how the hull lies.
+        Of each track, with the vehicle's mass and the hull's inclination.
     gear : float
         Turns of a motor for one of its sprocket.
     torque : float
@@ -245,7 +245,7 @@ def torque_of_turn(pads: PadSettings, tracks: TrackGeometry, radius: float) -> f
     Parameters
     ----------
     pads : PadSettings
-        How the hull lies too: it climbs, or runs level.
+        The hull's inclination too: it climbs, or runs level.
     tracks : TrackGeometry
     radius : float
         Of the circle that the tracks are driven on, metres.

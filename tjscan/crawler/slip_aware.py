@@ -191,8 +191,8 @@ class SlipAwareMethod:
         self._estimator.read(d, sigma)
         return self._estimator.surprise
 
-    def set_down_anew(self) -> None:
-        """Forget where the vehicle is; see `FollowingMethod.set_down_anew`."""
+    def forget_place(self) -> None:
+        """Forget where the vehicle is; see `FollowingMethod.forget_place`."""
         self._estimator.estimate = self.slip.at_new_start(self._uncertainty)
         self._odometry = OdometryFilter()
         self._estimator.smoother.restart()

@@ -24,13 +24,13 @@ from tjscan.crawler.state_smoother import StateSmoother
 class SlipStateIndex(IntEnum):
     """The place of each quantity in a state vector, shape (11,).
 
-    OFFSET is that of the torch from the joint, metres; HEADING the angle from the joint to the
-    vehicle; ROTATION_CENTRE how far the centre of rotation lies ahead of the vehicle's own, in
+    OFFSET is the torch's from the joint, metres; HEADING the angle from the joint to the
+    vehicle; ROTATION_CENTRE how far the centre of rotation is ahead of the vehicle's own, in
     travel direction, metres; YAW_EFFICIENCY the share of the tracks' turn rate that turns the
     vehicle; DRIFT its turn per metre when the tracks run alike, rad/m; CRAB its sideways travel per
-    metre, whichever way it goes; CURVATURE that of the joint, 1/m, positive to the right;
+    metre, whichever way it goes; CURVATURE the joint's, 1/m, positive to the right;
     TURNING_CRAB its sideways travel per radian of turn, metres. SETTLED_CENTRE is how much farther
-    ahead than ROTATION_CENTRE the centre of rotation comes to lie in a gentle turn that lasts,
+    ahead than ROTATION_CENTRE the centre of rotation comes to be in a gentle turn that lasts,
     metres. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those for now, and
     forget over `SETTLING_LENGTH`.
     """
@@ -93,9 +93,9 @@ class CrawlerGeometry:
     Parameters
     ----------
     laser_to_torch : float
-        How far the laser's line lies ahead of the torch, metres: D.
+        How far the laser's line is ahead of the torch, metres: D.
     centre_to_torch : float
-        How far the vehicle's centre lies ahead of the torch, metres: a0.
+        How far the vehicle's centre is ahead of the torch, metres: a0.
     """
 
     laser_to_torch: float
@@ -230,7 +230,7 @@ class SlipUncertainty(SettingsTable):
         way by 1 mm either way within a contact of 0.7 m, or of half of it to turn.
     unsteady_centre, unsteady_efficiency : float
         The same in a turn: how far off for now the centre of rotation and the yaw efficiency are.
-        By default anything between a track of which no foot slides (a sixth of the contact ahead,
+        By default anything between a track without a sliding foot (a sixth of the contact ahead,
         0.75) and one that slides all over (none, 0.5) is as likely.
     turn_rate : float
         Of the tracks' turn rate, rad/s, over one second.
@@ -305,7 +305,7 @@ class SlipEstimate:
         P[place, place] = uncertainty.offset**2, uncertainty.heading**2
         return type(self)(x, P)
 
-    def after_unseen_way(self, way: float, least_radius: float) -> Self:
+    def with_unseen_travel(self, way: float, least_radius: float) -> Self:
         """What is still known if the vehicle went on by up to a way that was not seen.
 
         It may have turned there as tightly as it is ever steered, and gone aside with that. Without
@@ -331,7 +331,7 @@ class SlipEstimator:
     sigma. So it learns that too, by matching covariances (Mehra 1972): differences between
     readings and what was expected, each over its standard deviation, are white if the noise is
     right; the square of their sum over a window, over their number, is 1 in the mean. It is more
-    where slip changes more than assumed, and less where it changes less.
+    if slip changes more than assumed, and less if it changes less.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.pieces import Pieces, ProjectivePoints
+from tjscan.groove.pieces import NOISE_INFLATION, Pieces, ProjectivePoints
 from tjscan.groove.settings import FACE_BLUNTNESS, WELD_ROUGHNESS
 from tjscan.groove.sides import CubicCurve, Index
 
@@ -48,7 +48,7 @@ STRAIGHT_KIND, BENT_KIND, BEAD_KIND, WELD_KIND = range(len(CANDIDATE_KINDS))
 """Kinds of candidates: walls and bevels; legs; faces of a root; welds that fill the groove."""
 
 MOST_CANDIDATES: Final = 48
-"""Most candidates of a kind; those of most points are kept."""
+"""Most candidates of a kind; the ones of most points are kept."""
 
 MOST_RANGE_PIECES: Final = 48
 """Most pieces of a range."""
@@ -58,7 +58,7 @@ MOST_GROWTH_ROUNDS: Final = 8
 CONTINUING_SIGMAS: Final = 2.8
 """A piece continues a curve if it is off by no more standard deviations."""
 
-SURE_PREDICTION, LEAST_PREDICTION = 0.12e-3, 0.5e-3
+SURE_PREDICTION, LIKELY_PREDICTION = 0.12e-3, 0.5e-3
 """Standard deviations of a prediction, in metres, by which every piece that continues a curve is
 taken, and by which the best of them is."""
 
@@ -133,9 +133,7 @@ class CandidateSides:
         return tuple(CubicCurve(*curve) for curve in np.transpose(values).tolist())
 
 
-def propose_candidates(
-    points: ProjectivePoints, pieces: Pieces, inflation: float
-) -> CandidateSides:
+def propose_candidates(points: ProjectivePoints, pieces: Pieces) -> CandidateSides:
     """Curves through pieces that continue each other, and through neighbours that are rough.
 
     Parameters
@@ -143,10 +141,8 @@ def propose_candidates(
     points : ProjectivePoints
     pieces : Pieces
         Of these points.
-    inflation : float
-        By how much correlation raises the variance of a mean of the noise.
     """
-    variance = inflation * points.noise**2
+    variance = NOISE_INFLATION * points.noise**2
     counts = pieces.stop - pieces.first
     found: list[tuple[int, NDArray[np.bool_]]] = []
     for kind, known in enumerate(CANDIDATE_KINDS):
@@ -163,12 +159,11 @@ def propose_candidates(
     member = np.concatenate([m for _, m in found])
     sums = member @ pieces.moments
     coefficients, _, error = _fit_sums(sums, _KIND_BENDS[kinds], variance)
-    steep, height = _steepness(sums)
     first = member.argmax(axis=1)
     last = member.shape[1] - 1 - member[:, ::-1].argmax(axis=1)
     return CandidateSides(
         kinds,
-        np.sqrt(error / (member @ counts)) * height / steep,
+        np.sqrt(error / (member @ counts)),
         coefficients,
         points.u[pieces.first[first]],
         points.u[pieces.stop[last] - 1],
@@ -199,7 +194,7 @@ def _grow_seeds(
         score, off, doubt = (v.reshape(*now.shape, 2).max(axis=2) for v in (score, off, doubt))
         fits = (score < CONTINUING_SIGMAS**2) & ~now
         added = fits & (doubt < SURE_PREDICTION**2)
-        likely = fits & (np.maximum(doubt, off) < LEAST_PREDICTION**2)
+        likely = fits & (np.maximum(doubt, off) < LIKELY_PREDICTION**2)
         best = np.where(likely, score * doubt, np.inf).argmin(axis=1)
         alone = np.flatnonzero(likely.any(axis=1) & ~added.any(axis=1))
         added[alone, best[alone]] = True
@@ -221,11 +216,10 @@ def _best_ranges(pieces: Pieces, known: CandidateKind, variance: float) -> NDArr
     through = np.concatenate((np.zeros((1, 9)), pieces.moments.cumsum(axis=0)))
     sums = through[stop] - through[start]
     _, _, error = _fit_sums(sums, known.bend, variance)
-    steep, height = _steepness(sums)
     points = np.concatenate(([0], (pieces.stop - pieces.first).cumsum()))
     gain = np.full((count, count + 1), -np.inf)
     gain[start, stop] = points[stop] - points[start]
-    gain[start, stop] -= error * (height / steep / known.range_reach) ** 2
+    gain[start, stop] -= error / known.range_reach**2
     best = (gain == gain.max(axis=0)) & (gain == gain.max(axis=1)[:, None]) & (gain > 0)
     start, stop = best.nonzero()
     index = np.arange(count)
@@ -244,16 +238,14 @@ def _steepness(sums: Array) -> tuple[Array, Array]:
 def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array, Array, Array]:
     """Fit parabolas to points of given moments, shape (K, 9).
 
-    Coefficients, shape (K, 3), inverse normal matrices, shape (K, 3, 3), and squared errors of
-    depth, (K,).
+    Coefficients, shape (K, 3), inverse normal matrices, shape (K, 3, 3), and squared errors square
+    to the curves, (K,), in m².
     """
     steep, height = _steepness(sums)
     normal = sums[:, _HANKEL_INDEX]
-    # Points on one ray show no slope; this leaves it unknown, to 1000 / m.
-    normal[:, 1, 1] += variance * 1e-6
     # A bend of c2 metres per square metre is c2 (steep / y)³ in (u, y).
     normal[:, 2, 2] += variance * (height / steep) ** 6 / bend**2
     inverse = np.asarray(np.linalg.inv(normal), dtype=float)
     coefficients = (inverse @ sums[:, 5:8, None])[..., 0]
     error = sums[:, 8] - (coefficients * sums[:, 5:8]).sum(axis=1)
-    return coefficients, inverse, np.maximum(error, 0.0)
+    return coefficients, inverse, np.maximum(error, 0.0) * (height / steep) ** 2

@@ -46,13 +46,13 @@ LEAST_DISTANCE_OF_RIVALS: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
 
 MOST_CHAINS_COMPARED: Final = 150
-"""Most chains of which the distinct ones are sought."""
+"""Most chains among which the distinct ones are sought."""
 
 RIVAL_COST_MARGIN: Final = 12.0
 """By how many outliers a chain may be dearer than the cheapest and still be looked at."""
 
 CORNER_DISTANCE_BEYOND_POINTS: Final = 30e-3
-"""How far a corner may lie outside all points, in metres."""
+"""How far a corner may be outside all points, in metres."""
 
 SIDE_LENGTH_SLACK: Final = 0.8
 """A side may be shorter than the model's shortest, or longer than its longest, by this factor."""
@@ -131,7 +131,7 @@ class ChainSearch:
         self._runs, self._costs = runs, paid
         support = _running_sums(1 - paid)
         # No chain costs less than if every run that jumps off the surface were a reflection.
-        least = _running_sums(paid * runs.most_per_point())
+        least = _running_sums(paid * runs.largest_cost_per_point())
         self._corners = _intersect_candidates(points, candidates)
         own = np.arange(len(reach))
         before, after = (own[:, None], self._corners.place), (own, self._corners.place)

@@ -2,7 +2,7 @@
 
 Such light moves a notch's bottom and the nearest parts of its flanks towards the sensor, along
 the rays, and fades smoothly up the flanks. So a corner is still seen in its own direction, but
-too near: it lies where that ray meets the flank, drawn on from where nothing pulls it. The bottom
+too near: it is where that ray meets the flank, drawn on from where nothing pulls it. The bottom
 shows nothing of it. The flanks do: their points leave them, or the bottom's face is bent to go
 over into them. How well a pull explains the points about a notch shows how likely it is.
 """
@@ -72,7 +72,7 @@ class NotchPull:
     ----------
     probability : float
     inward, sigma : ndarray, shape (2,)
-        How far each corner then lies inward of the fitted one, along its flank, and the standard
+        How far each corner then is inward of the fitted one, along its flank, and the standard
         deviation of that, in metres.
     """
 
@@ -262,7 +262,7 @@ def estimate_pull(
     Parameters
     ----------
     row : OrderedProfilePoints
-        Its points may lie elsewhere than those of the fit.
+        Its points may differ from the fit's.
     fitted : FittedProfile
     model : GrooveModel
         Whose last side but one is the root's face.

@@ -21,7 +21,7 @@ class MeasuredSection:
     index : int
         Its number in its scan.
     station : str
-        Where it was scanned from; names joined by ``+`` where several stations saw it.
+        Where it was scanned from; names joined by ``+`` if several stations saw it.
     azimuth : float
         About the brace's axis from the crown, radians; NaN if no joint is known.
     T_r_g : ndarray, shape (4, 4)
@@ -40,9 +40,9 @@ class MeasuredSection:
     rms : float
         Of the points about the fitted sides, metres.
     model : str
-        The form of groove that explains the points best; empty where this is not known.
+        The form of groove that explains the points best; empty if this is not known.
     model_probability : float
-        That the groove has this form, not another one; NaN where this is not known.
+        That the groove has this form, not another one; NaN if this is not known.
     conditions : tuple of str
         What was found about the groove, such as ``tack`` or ``open root``.
     absent : tuple of str
@@ -51,7 +51,7 @@ class MeasuredSection:
         Distance of an open root's edge from the leg, metres; NaN if the root is not open.
     shared_sigmas : ndarray, shape (3,)
         Standard deviations of p2, p3 and p4, all directions together, by causes that move all
-        sections of a scan; they are part of `covariances`. Metres; NaN where this is not known.
+        sections of a scan; they are part of `covariances`. Metres; NaN if this is not known.
     """
 
     index: int

@@ -34,6 +34,9 @@ LEAST_BEARING_SPREAD: Final = 1e-6
 PIECE_COST: Final = 7.0
 """What a piece costs, in nats: BIC's penalty for a line and its end among some 200 blocks."""
 
+NOISE_INFLATION: Final = 2.0
+"""By how much correlation raises the variance of a mean before it is estimated."""
+
 LEAST_UNEVENNESS: Final = 0.01e-3
 """How far the steel of a straight piece leaves its line, in metres."""
 
@@ -78,7 +81,7 @@ class Pieces:
     moments : ndarray, shape (P, 9)
         Sums of z⁴ times 1, u … u⁴, y, u y, u² y and y² over its points.
     probes, heights : ndarray, shape (P, 2)
-        Two places u that stand for its points, and y of its line there.
+        Two places u that represent its points, and y of its line there.
     """
 
     first: Index
@@ -105,7 +108,7 @@ def project_points(row: OrderedProfilePoints, largest_noise: float) -> Projectiv
         share = (u[own] - u[before]) / np.maximum(u[after] - u[before], 1e-9)
         off = np.abs(y[own] - (1 - share) * y[before] - share * y[after]) * z[own] ** 2
         size = off / np.sqrt(1 + share**2 + (1 - share) ** 2)
-        # A sensor that rounds shows no difference where it is finer than its steps.
+        # A sensor that rounds shows no difference if it is finer than its steps.
         size = size[size > LEAST_DIFFERENCE]
         if len(size):
             sigmas.append(float(np.quantile(size, QUIET_QUANTILE)) / QUIET_QUANTILE_OF_NORMAL)
@@ -123,7 +126,7 @@ def _moments_of_points(points: ProjectivePoints) -> Array:
     return terms
 
 
-def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> Pieces:
+def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
     """Divide a profile into the straight pieces that together explain it best.
 
     Parameters
@@ -131,8 +134,6 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
     points : ProjectivePoints
     runs : PointRuns
         Of the same points; no piece goes on where neighbours jump.
-    inflation : float
-        By how much correlation raises the variance of a mean of the noise.
     """
     first, stop = _divide_runs_in_blocks(runs, len(points.u))
     sums = np.zeros((9, len(points.u) + 1))
@@ -140,7 +141,7 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
     np.cumsum(terms, axis=1, out=sums[:, 1:])
     sums = np.array(sums[:, stop] - sums[:, first])
     through = np.concatenate((np.zeros((9, 1)), sums.cumsum(axis=1)), axis=1)
-    costs = _costs_of_lines(through, 2 * inflation * (points.noise**2 + LEAST_UNEVENNESS**2))
+    costs = _costs_of_lines(through, 2 * NOISE_INFLATION * (points.noise**2 + LEAST_UNEVENNESS**2))
     count, longest = len(first), costs.shape[1]
     # What the first j blocks cost at least, after as many that never are.
     least = np.concatenate((np.full(longest, np.inf), np.zeros(count + 1)))
@@ -159,7 +160,7 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
     middle = a / w
     spread = np.sqrt(np.maximum(b / w - middle**2, 1e-18))
     slope = (d - a * c / w) / (w * spread**2)
-    # Two places as far from the middle as the points are: they stand for all of them.
+    # Two places as far from the middle as the points are: they represent all of them.
     probes = middle[:, None] + spread[:, None] * np.array((-1.0, 1.0))
     heights = (c / w)[:, None] + slope[:, None] * (probes - middle[:, None])
     # Points on one ray show no surface.

@@ -40,7 +40,7 @@ SCALE_PATCH_LENGTH: Final = 20e-3
 """Sections nearer to each other, in metres, show the same patches of scale."""
 
 BEND_CHANGE_PER_METRE: Final = 5.0
-"""By how much a side's bend changes along the groove, in 1/m per metre: that of a leg of 600 mm
+"""By how much a side's bend changes along the groove, in 1/m per metre: as of a leg of 600 mm
 from none at the crown to all of it at the saddle. Across the groove it changes no faster."""
 
 LEAST_BEND_SIGMA: Final = 0.15
@@ -86,7 +86,7 @@ class SectionEvidence:
     log_thicknesses : ndarray, shape (n,)
         Log-likelihood of each of `SCALE_THICKNESSES`.
     form : str
-        Name of the form of groove that was read; empty where this is not known.
+        Name of the form of groove that was read; empty if this is not known.
     """
 
     bends: Array

@@ -66,7 +66,7 @@ def read_groove_with_fit(
 ) -> tuple[GrooveSection, GrooveFit]:
     """Read the groove's section off a profile; give also the fit that it rests on.
 
-    Parameters and errors are those of `read_groove`.
+    Parameters and errors are as of `read_groove`.
     """
     if not settings.model.has_section_points:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
@@ -88,7 +88,7 @@ def read_groove_with_fit(
 def fit_groove(profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS) -> GrooveFit:
     """Fit the sides and corners of a groove of any model to a profile.
 
-    Parameters and errors are those of `read_groove`; the points come ordered from the first
+    Parameters and errors are as of `read_groove`; the points come ordered from the first
     side to the last.
     """
     row = order_points(profile, settings)
@@ -172,7 +172,7 @@ def _check_corner_uncertainty(
 
 
 def _check_shape(section: GrooveSection, points: Array) -> None:
-    """Refuse a section whose opening or depth is not that of a groove to be welded."""
+    """Refuse a section whose opening or depth is no groove's to be welded."""
     least = LEAST_DEPTH_OVER_WELD if WELD_IN_GROOVE in section.conditions else LEAST_DEPTH
     if section.depth < least or section.area <= 0:
         raise GrooveNotFound(
@@ -184,6 +184,6 @@ def _check_shape(section: GrooveSection, points: Array) -> None:
     if not LEAST_OPENING_ANGLE < section.groove_angle < LARGEST_OPENING_ANGLE:
         raise GrooveNotFound(
             "ambiguous",
-            f"an opening of {np.degrees(section.groove_angle):.0f}° is not that of a groove",
+            f"an opening of {np.degrees(section.groove_angle):.0f}° is not a groove's",
             points,
         )

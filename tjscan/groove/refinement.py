@@ -90,7 +90,7 @@ ROUNDS_BEFORE_CURVATURE_CHOICE: Final = 3
 """Rounds in all, and rounds after which sides become straight or curved at the latest."""
 
 REBASED_ROUNDS: Final = 4
-"""Rounds after each of which the chords become tangents again; later they lean too little."""
+"""Rounds; after each one the chords become tangents again; later they lean too little."""
 
 STRAIGHT_LOG_ODDS: Final = 1.1
 """Log of the odds from which a side is straight: a factor of 3, for few points show little."""
@@ -247,7 +247,7 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
     """
     found, block = np.zeros(len(fitted.curves)), POINTS_PER_UNDULATION_BLOCK
     lags = fitted.noise.lags[:block]
-    # Variance of a mean of correlated points, over that of one.
+    # Variance of a mean of correlated points, over one point's.
     share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2
     for k, sigma in enumerate(np.sqrt(noise_variances(fitted)).tolist()):
         side = fitted.spans[k]
@@ -492,7 +492,7 @@ def _drop_points_beside_ghosts(scaled: Array, keep: NDArray[np.bool_]) -> NDArra
     starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
     if not len(starts):
         return keep
-    # Outliers lie beside the surface themselves.
+    # Outliers are beside the surface themselves.
     edges = np.empty(len(starts) + 2, dtype=np.intp)
     edges[0], edges[1:-1], edges[-1] = 0, starts, len(keep)
     surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < FEWEST_POINTS_OF_GHOST

@@ -62,6 +62,9 @@ MEETING_REACH, FEWEST_MEETING, FEWEST_HIDING = 1.5e-3, 2, 3
 """Points of a side, so near a corner in metres, that show it there; and points between two sides
 that hide how one goes over into the other."""
 
+THICKEST_SCALE: Final = 0.5e-3
+"""What hangs together with a side, and is farther off it, in metres, is no mill scale."""
+
 SAME_READING_DISTANCE: Final = 0.05e-3
 """Readings whose corners differ by less, in metres, are one."""
 
@@ -71,7 +74,7 @@ CAP_HEIGHT: Final = 0.5e-3
 """Width and least height of a seam weld's cap, in metres."""
 
 MOST_CAP_FOOT_SHARE: Final = 0.5
-"""An end of a cap lies lower than this share of its height: it grows out of the surface."""
+"""An end of a cap is lower than this share of its height: it grows out of the surface."""
 
 MOST_CAP_STEP_SHARE: Final = 0.4
 """Neighbouring points of a cap differ in height by less than this share of it."""
@@ -95,7 +98,7 @@ class PointRuns:
     count: Index
     jumps: NDArray[np.bool_]
 
-    def most_per_point(self) -> Array:
+    def largest_cost_per_point(self) -> Array:
         """The most that each point pays, shape (n,): as part of a reflection, if its run jumps."""
         whole = np.minimum(RUN_COST / self.count + POINT_COST, 1.0)
         return np.where(self.jumps, whole, 1.0).repeat(self.count)
@@ -295,7 +298,7 @@ def _far_stretches(
 def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     """At which corners the points of one side go over into those of the next, shape (k - 1,).
 
-    Both are seen there, and few others lie between them. A side that is drawn on from far away
+    Both are seen there, and few others are between them. A side that is drawn on from far away
     meets another one as well, and so does a reflection.
     """
     on = fitted.points_on_sides
@@ -315,25 +318,24 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
-    Points that hang together with what is seen before and after them are no reflections. If
-    such points begin at a corner, the side that should go on there may be theirs: as probably as
-    they are many among its points.
+    Points that hang together with those before and after them are no reflections. If they are
+    thicker than scale, and begin at a corner, it may be at any of them. Beads leave their sides.
     """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
-    first, stop, hangs = _far_stretches(fit.row, fitted.residuals)
-    whole = hangs.all(axis=0)
+    starts = find_runs(fit.row.points, fit.row.columns).first
+    first, stop = stretches_of_true_values(~fitted.points_on_sides)
+    whole = starts.searchsorted(first) == starts.searchsorted(stop, side="right")
+    whole &= stop < len(fitted.keep)
     for a, b in zip(first[whole].tolist(), stop[whole].tolist(), strict=True):
-        for i, places in enumerate(fitted.places):
-            for k, point in ((i, b - 1), (i + 1, a)):
-                if sides[k].bead or not fitted.edges[k] <= point < fitted.edges[k + 1]:
-                    continue
-                if abs(float(fitted.along[point]) - places[k - i]) > MEETING_REACH:
-                    continue
-                probability = (b - a) / (b - a + float(fitted.counts[k]))
-                off = float(np.median(np.abs(fitted.residuals[a:b])))
-                own, move = slice(2 * i, 2 * i + 2), off * fitted.corner_shift(i, k)
-                covariance[own, own] += probability * np.outer(move, move)
+        if np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
+            continue
+        for i, corner in enumerate(fitted.corners):
+            away = fit.row.points[a:b] - corner
+            near = min(float(np.hypot(*away[0])), float(np.hypot(*away[-1]))) < MEETING_REACH
+            if near and not (sides[i].bead or sides[i + 1].bead):
+                own = slice(2 * i, 2 * i + 2)
+                covariance[own, own] += away.T @ away / len(away)
     return covariance
 
 

@@ -41,11 +41,11 @@ ROOT_NOT_SEEN: Final = "root not seen"
 SEAM_BESIDE: Final = "seam weld beside"
 
 TACK_RATIO, TACK_HEIGHT = 0.165, 1.45e-3
-"""Height of a tack over its chord: a share of it, and metres. A pass that lies in a groove wets
+"""Height of a tack over its chord: a share of it, and metres. A pass that is in a groove wets
 both faces and is lower; a root bead that bulges is smaller."""
 
 CONVEX_WELD_RATIO: Final = 0.06
-"""Height over its chord, as a share of it, from which a face is that of convex weld metal."""
+"""Height over its chord, as a share of it, from which a face is convex weld metal."""
 
 LEAST_OPENING: Final = 0.8e-3
 """Distance between the end of a bevel and the leg that makes an open root, in metres."""
@@ -68,7 +68,7 @@ REFLECTION_DENSITY_IN_NOTCH: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
 
 FARTHEST_ROOT_DISTANCE: Final = 20e-3
-"""Metres along bevel or leg in which the root lies."""
+"""Metres along bevel or leg in which the root is."""
 
 FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
@@ -228,7 +228,7 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
 
     One that goes over neither into the bevel nor into the leg may be a reflection. One that goes
     over into one of them may be spatter there, or its far end may be a reflection. Then the corners
-    lie anywhere between the last points of bevel and leg and where these, drawn on, meet.
+    are anywhere between the last points of bevel and leg and where these, drawn on, meet.
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
@@ -282,7 +282,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     apex_bevel, apex_leg = fitted.places[-1]
     off_bevel = np.abs(bevel.signed_distances(row.points))
     off_leg = np.abs(leg.signed_distances(row.points))
-    # Where the two are near each other a point belongs to the nearer one.
+    # If the two are near each other a point belongs to the nearer one.
     on_bevel = (off_bevel < tolerance) & (off_bevel < off_leg)
     on_leg = (off_leg < tolerance) & (off_leg <= off_bevel)
     turn = int(row.tangents.searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))

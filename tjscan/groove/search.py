@@ -35,7 +35,6 @@ from tjscan.groove.settings import (
     GrooveSettings,
     TurnBounds,
 )
-from tjscan.groove.shape import points_lead_away_from_side
 from tjscan.groove.sides import FittedProfile, GrooveFit, OrderedProfilePoints, Polyline
 
 FEWEST_POINTS_ON_SIDE: Final = 4
@@ -45,7 +44,7 @@ PARTIAL_GROOVE_SHARE: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
 
 SIDE_TURN_SLACK: Final = radians(3)
-"""How far the fitted turns may lie outside the model's."""
+"""How far the fitted turns may be outside the model's."""
 
 REFUSED_COST_MARGIN: Final = 24.0
 """A fit that is rejected, but cheaper by more, in outliers, than every other, is what is seen."""
@@ -53,7 +52,7 @@ REFUSED_COST_MARGIN: Final = 24.0
 STRAYED_SUPPORT_SHARE: Final = 0.05
 """A refined hypothesis that explains fewer points than before, by this share, has strayed."""
 
-SIDE_COST: Final = 5.0
+COST_PER_SIDE: Final = 5.0
 """What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
 ninety points of a profile are independent."""
 
@@ -63,11 +62,8 @@ WELD_COST: Final = 1.0
 MOST_CHAINS_PER_FORM: Final = 3
 """Most chains of one form that are refined."""
 
-NOISE_INFLATION: Final = 2.0
-"""By how much correlation raises the variance of a mean before it is estimated."""
-
 CORNER_POINT_DISTANCE: Final = 1.5e-3
-"""Points of both sides lie this near a corner that is seen, in metres."""
+"""Points of both sides are this near a corner that is seen, in metres."""
 
 FEWEST_AT_CORNER: Final = 2
 """Points of a side that show its corner."""
@@ -100,10 +96,10 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
     if not search.found:
         raise search.explain_missing_groove()
     likeliest = min(search.found, key=lambda fit: fit.cost)
-    best = min(search.sound, key=lambda fit: fit.cost, default=likeliest)
+    best = min(search.supported_fits, key=lambda fit: fit.cost, default=likeliest)
     if best.objection or best.cost > likeliest.cost + REFUSED_COST_MARGIN:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
-    return with_other_readings(best, [fit for fit in search.sound if fit is not best])
+    return with_other_readings(best, [fit for fit in search.supported_fits if fit is not best])
 
 
 class _FitSearch:
@@ -115,14 +111,19 @@ class _FitSearch:
         self._row, self._settings = row, settings
         self._runs = find_runs(row.points, row.columns)
         points = project_points(row, settings.noise)
-        pieces = find_pieces(points, self._runs, NOISE_INFLATION)
+        pieces = find_pieces(points, self._runs)
         if not len(pieces.first):
-            raise GrooveNotFound("no bevel", "all points are on a few rays", row.points)
-        candidates = propose_candidates(points, pieces, NOISE_INFLATION)
+            raise GrooveNotFound(
+                "no bevel",
+                "all points lie on a few rays: they show no surface. Look at the groove more "
+                "squarely, or check the sensor's columns.",
+                row.points,
+            )
+        candidates = propose_candidates(points, pieces)
         self._chains = ChainSearch(points, candidates, self._runs, self.tolerance)
 
     @property
-    def sound(self) -> list[GrooveFit]:
+    def supported_fits(self) -> list[GrooveFit]:
         """The fits that the points support."""
         return [fit for fit in self.found if fit.objection is None]
 
@@ -140,7 +141,7 @@ class _FitSearch:
         starts.sort(key=lambda start: start[0])
         settled = None
         for cost, form, chain in starts:
-            if self.sound and cost > starts[0][0] + RIVAL_COST_MARGIN:
+            if self.supported_fits and cost > starts[0][0] + RIVAL_COST_MARGIN:
                 break
             if settled in (None, len(form.sides)):
                 fit = self._refine(form, self._chains.as_polyline(chain))
@@ -218,7 +219,7 @@ class _FitSearch:
 
 def _cost_of_form(model: GrooveModel) -> float:
     """What the sides of a form cost, in outliers."""
-    return SIDE_COST * len(model.sides) + WELD_COST * bool(model.sides[-2].roughness)
+    return COST_PER_SIDE * len(model.sides) + WELD_COST * bool(model.sides[-2].roughness)
 
 
 def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, tolerance: float) -> Array:
@@ -248,21 +249,14 @@ def _turn_between(before: ArrayLike, after: ArrayLike) -> float:
 def _is_convincing(found: GrooveFit) -> bool:
     """Whether it needs no comparison with other forms.
 
-    Every corner is seen from both sides, every side is seen well, and none but the root's face
-    bends or leaves the points.
+    Every corner is seen from both sides, every side is seen well, and none between wall and leg
+    undulates.
     """
-    fitted, sides = found.fitted, found.model.sides
-    if not found.seen.all():
-        return False
-    if (
-        fitted.inlier_shares.min() < LEAST_SEEN_SHARE
-        or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT_UNDULATION
-    ):
-        return False
-    return not any(
-        points_lead_away_from_side(fitted, k)
-        for k, side in enumerate(sides[1:-1], 1)
-        if not side.bead
+    fitted = found.fitted
+    return (
+        bool(found.seen.all())
+        and float(fitted.inlier_shares.min()) >= LEAST_SEEN_SHARE
+        and float(undulation_sigmas(fitted)[1:-1].max()) <= STRAIGHT_UNDULATION
     )
 
 

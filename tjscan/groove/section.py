@@ -106,7 +106,7 @@ class GrooveSection:
 
     @property
     def on_tack(self) -> bool:
-        """Whether a tack weld lies over the root."""
+        """Whether a tack weld is over the root."""
         return TACK_WELD in self.conditions
 
     @property

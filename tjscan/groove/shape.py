@@ -36,7 +36,6 @@ from tjscan.groove.sides import (
     GrooveFit,
     OrderedProfilePoints,
     end_of_support,
-    stretches_of_true_values,
 )
 
 CORNER_NEIGHBOURHOOD: Final = 1.5e-3
@@ -63,18 +62,14 @@ PATCH_SIGMAS, PATCHED_SHARE = 3.5, 0.15
 makes a side patched: single spatter does not."""
 
 UNSEEN_SIDE_SLOPE: Final = 0.04
-"""Slope by which a side may turn where it is not seen: half the angle between two facets that a
+"""Slope by which a side may turn if it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
 
 PULL_PROBABILITY: Final = 0.5
 """Probability that a notch which looks pulled in by light is, and no fillet."""
 
 UNSEEN_FACE_SLOPE: Final = 0.15
-"""Slope by which the face of a bead may turn where it is not seen: it has no plan."""
-
-LEAVING_POINTS, LEAVING_STEP = 6, 0.25e-3
-"""Points in a row that leave a side, and the most by which one lies farther off than the last, in
-metres."""
+"""Slope by which the face of a bead may turn if it is not seen: it has no plan."""
 
 LARGEST_STEP_ON_SURFACE: Final = 0.7e-3
 """Neighbouring points of one surface lie no farther apart, square to it, in metres."""
@@ -83,7 +78,7 @@ FACE_END_SHARE: Final = 0.1
 """A bead's face is no parabola: its ends may lie off one by this share of its height. One that
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
-_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over that of a mean
+_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over a mean's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +89,7 @@ class ShapeErrors:
     ----------
     shift : ndarray, shape (k - 1, 2)
         For each corner of the side before and of the side after it: how far the surface is
-        likely to lie behind the fitted side.
+        likely to be behind the fitted side.
     sigma : ndarray, shape (k - 1, 2)
         Standard deviation about that, beyond what noise explains.
     """
@@ -109,7 +104,7 @@ def estimate_shape_errors(
     """Estimate what the sides' shapes add to the errors of their corners.
 
     Where points beside a corner leave a side together, either the surface does, and the corner
-    lies there, or something hides it, and the corner lies where the sides meet. The middle
+    is there, or something hides it, and the corner is where the sides meet. The middle
     between both is off by half the departure either way.
 
     Parameters
@@ -154,7 +149,7 @@ def estimate_shape_errors(
 def _unseen_side_shares(fitted: FittedProfile, gaps: Array) -> Array:
     """Root of the share of its side that each gap takes, shape (k - 1, 2).
 
-    A knee that a side may have lies in the gap with that probability. Wall and leg, which are
+    A knee that a side may have is in the gap with that probability. Wall and leg, which are
     tubes, have none.
     """
     found = np.zeros_like(gaps)
@@ -174,7 +169,7 @@ def _patch_sigmas(fitted: FittedProfile) -> Array:
     k = len(fitted.curves)
     found = np.zeros(k)
     edges = fitted.edges
-    # Noise lies along the rays: a side that slants shows less of it.
+    # Noise is along the rays: a side that slants shows less of it.
     along = fitted.sigmas / np.array(
         [c.sine_with_ray(m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
     )
@@ -227,7 +222,7 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             a, b = edges[i + j], edges[i + j + 1]
-            # Columns lie far apart on a steep side.
+            # Columns are far apart on a steep side.
             most = min(FEWEST_BESIDE_CORNER + 2, b - a)
             away = np.abs((fitted.along[a : a + most] if j else fitted.along[b - most : b]) - s)
             reach = min(max(CORNER_NEIGHBOURHOOD, float(away.max())), 2 * CORNER_NEIGHBOURHOOD)
@@ -254,31 +249,6 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     return np.where(significant, found, 0.0)
 
 
-def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
-    """Whether points lead away from side k in a row: the surface turns there, no reflection.
-
-    Parameters
-    ----------
-    fitted : FittedProfile
-    k : int
-        Number of the side.
-    """
-    own = fitted.spans[k]
-    residuals, keep = fitted.residuals[own], fitted.keep[own]
-    starts, stops = stretches_of_true_values(~keep)
-    for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
-        run = residuals[a:b]
-        if b - a < LEAVING_POINTS or np.abs(run).max() > 1.5 * LEAST_REFLECTION_OFFSET:
-            continue
-        # Reflections grow out of corners; what leaves a side does so from its inside.
-        ends = [(a - 1, run)] * (a > 0) + [(b, run[::-1])] * (b < len(keep))
-        for place, outward in ends:
-            steps = np.abs(np.diff(np.concatenate((residuals[place : place + 1], outward))))
-            if steps.max() < LEAVING_STEP and abs(outward[-1]) > abs(outward[0]):
-                return True
-    return False
-
-
 def _upper_median(values: Array) -> float:
     """The upper median, without what NumPy's costs a few values."""
     return float(np.partition(values, len(values) // 2)[len(values) // 2])
@@ -294,7 +264,7 @@ def _has_jump(residuals: Array) -> bool:
 def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
     """Errors of a bead's heights at its two corners, shape (2, 2), if light may pull it in.
 
-    A fillet of steel looks the same: then the corners lie where they are seen.
+    A fillet of steel looks the same: then the corners are where they are seen.
     """
     shift, sigma = np.zeros((2, 2)), np.zeros((2, 2))
     probability = PULL_PROBABILITY * pull.probability

@@ -47,7 +47,7 @@ LEAST_RAY_SINE: Final = 0.2
 STEEPEST_SLOPE: Final = 1.5
 """Largest slope over its chord that a side may have where it meets its neighbour."""
 
-_FARTHEST_CORNER_DISTANCE: Final = 1.0  # metres along a side: no corner lies there
+_FARTHEST_CORNER_DISTANCE: Final = 1.0  # metres along a side: no corner is there
 _PARALLEL_SINE: Final = 1e-3  # sine below which two sides do not meet
 _SETTLED_NEWTON_STEP: Final = 1e-10  # metres
 
@@ -254,7 +254,7 @@ class FittedProfile:
     edges : list of int
         First point of each side, and the number n of points; k + 1.
     spans : tuple of slice
-        The points of each side among those of the row.
+        The points of each side among the row's.
     along : ndarray, shape (n,)
         Each point's s on its side.
     residuals : ndarray, shape (n,)

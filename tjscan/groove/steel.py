@@ -2,7 +2,7 @@
 
 Scale covers the outer sides in patches, a few tenths of a millimetre proud, with bare steel
 between: two levels a step apart, the farther being the steel. One side often shows too little of
-either level to tell a patch from its own bend: how thick scale is and how far the side bends is
+either level to separate a patch from its own bend: how thick scale is and how far the side bends is
 known better from the sections before.
 """
 
@@ -78,7 +78,7 @@ MISTAKEN_LEVEL_SHARE: Final = 0.1
 simulated ones."""
 
 MOST_REFLECTED_BESIDE_SCALE: Final = 0.08
-"""Share of reflections in a single profile up to which steps are those of scale."""
+"""Share of reflections in a single profile up to which steps are due to scale."""
 
 STEP_BLOCK, FEWEST_SCALE_STEPS = 5, 2
 LEAST_SCALE_STEP: Final = 0.12e-3
@@ -146,7 +146,7 @@ class SideWithScale:
             used = np.abs(raised - surface @ basis) < OUTLIER_SIGMAS * self.sigma
             if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * POINTS_PER_SCALE_BLOCK:
                 break
-            # A block's standard deviation is that of a mean: its points count as one.
+            # A block's standard deviation is a mean's: its points count as one.
             weighted = basis[:, used] / (POINTS_PER_SCALE_BLOCK * self.sigma**2)
             information, seen = weighted @ basis[:, used].T, weighted @ raised[used]
             surface = np.linalg.solve(information + known, seen + known @ expected)
@@ -231,7 +231,7 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
 
 
 def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
-    """What surfaces cost, shape (n, l), whose blocks, shape (l, b), lie so far behind them."""
+    """What surfaces cost, shape (n, l), whose blocks, shape (l, b), are so far behind them."""
     bare = off**2
     pitch = abs(float(np.median(np.diff(along)))) / SCALE_PATCH_WIDTH
     rarely = max(-2 * log(pitch), 0.0)

@@ -121,8 +121,8 @@ class SensorMount:
         Of `T_f_s`, translation and small rotation in axes of f, and of the deviations, if any;
         SI. None if it is not known.
     by_laser : ndarray, shape (6, m) or (6 + 6 joints, m), or None
-        What of it comes from m draws of the laser's deviation, see `LaserDeviation.at`; none where
-        that was not calibrated with.
+        What of it comes from m draws of the laser's deviation, see `LaserDeviation.displacements_at`;
+        none where that was not calibrated with.
     linearity : float
         Largest deviation of that laser, metres.
     """
@@ -143,7 +143,7 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     job : CellJob
         The job.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
 
     Raises
     ------
@@ -280,12 +280,9 @@ def make_simulated_laser(
     ConfigurationError
         If the job has no [simulation] or no joint.
     """
+    flange, scene = LaserFlange(T_b_f, T_b_f, time), partial(joint_scene, job, joint)
     inputs = _laser_driver_inputs(
-        job,
-        LaserFlange(T_b_f, T_b_f, time),
-        T_f_s,
-        partial(joint_scene, job, joint),
-        lambda: _read_recording(job.laser)[::2],
+        job, flange, T_f_s, scene, lambda: _read_recording(job.laser)[::2]
     )
     laser: LineLaser = LASER_DRIVERS.load("simulated").make(inputs, NoSettings())
     return laser
@@ -312,12 +309,9 @@ def _read_recording(
     """Recorded poses of the flange, states of the arm and profiles, shared by replayed devices."""
     with add_file_to_errors(key="laser.recording"):
         views = list(read_views(Path(table.recording or "")))
-    poses = RecordedPoses(
-        [view.T_b_f for view in views],
-        [view.time for view in views],
-        distance=table.replay_tolerance,
-        angle=table.replay_angle,
-    )
+    T_b_f, times = [view.T_b_f for view in views], [view.time for view in views]
+    distance, angle = table.replay_tolerance, table.replay_angle
+    poses = RecordedPoses(T_b_f, times, distance=distance, angle=angle)
     states = tuple(ArmState(view.q, view.T_b_f, view.time) for view in views)
     return poses, states, tuple(view.profile for view in views)
 

@@ -1,6 +1,6 @@
 """What is about the arm: solids, board, ball, joint and stations; and where they truly are.
 
-The tables of a cell's job, and those of the true world of a simulation.
+The tables of a cell's job and of a simulation's true world.
 """
 
 from __future__ import annotations

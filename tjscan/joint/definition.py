@@ -173,7 +173,7 @@ class Spatter(SettingsTable):
     radius : tuple of float
         Smallest and largest, in metres.
     reach : float
-        How far beside the groove they lie, in metres.
+        How far beside the groove they are, in metres.
     seed : int
         Of the places.
     """
@@ -238,7 +238,7 @@ _TolerableLength = Annotated[float | None, Gt(0), Le(100), MM]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitUpTolerance(SettingsTable):
-    """The table [tolerance] of a joint's file: how far its fit-up may lie from what is drawn.
+    """The table [tolerance] of a joint's file: how far its fit-up may be from what is drawn.
 
     To either side, in metres and radians; None if it is not stated.
 

@@ -52,7 +52,7 @@ class JointGrooveSections:
         Where the bevel, drawn on, meets the leg.
     p2, p3, p4 : ndarray, shape (n, 2)
         The paper's corners (Fig. 3): top of the bevel, root corner on the bevel, root corner
-        on the leg. Where the root is open p3 is the land's outer edge and p4 its foot on the leg.
+        on the leg. If the root is open p3 is the land's outer edge and p4 its foot on the leg.
     """
 
     def __init__(self, definition: JointDefinition, phi: ArrayLike) -> None:
@@ -93,7 +93,7 @@ class JointGrooveSections:
 def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Array) -> Array:
     """Directions up the bevel in the radial half-planes, unit length, shape (n, 2).
 
-    The line along the land's outer edge lies both in the bevel and in the surface at the root
+    The line along the land's outer edge is both in the bevel and in the surface at the root
     gap over the leg. Turning that surface's tangent plane about the line by the groove angle
     gives the bevel's tangent plane; where it cuts the half-plane is the direction sought.
 
@@ -217,7 +217,7 @@ class FeatureEdges:
     p2, p3, p4 : ClosedPolyline
         Top of the bevel, root corner on the bevel, root corner on the leg.
     tacks : ndarray, shape (k, 2)
-        First and last azimuth of each tack weld, under which p3 and p4 lie buried, in radians.
+        First and last azimuth of each tack weld, under which p3 and p4 are buried, in radians.
     """
 
     phi: Array
@@ -260,7 +260,7 @@ def tack_spans(definition: JointDefinition) -> Array:
 
 
 def is_within_spans(spans: Array, phi: ArrayLike) -> Mask:
-    """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
+    """Whether azimuths are in one of the spans that `tack_spans` gives, the shape of `phi`.
 
     Parameters
     ----------

@@ -212,7 +212,7 @@ class Ellipse:
         direction : array_like, shape (n,)
             Angles from the first axis, in radians.
         centre : ndarray, shape (n, 2), optional
-            Of the ellipse; the origin lies inside.
+            Of the ellipse; the origin is inside.
         """
         A, B, C = self.quadratic_coefficients()
         u, v = np.cos(direction), np.sin(direction)
@@ -235,7 +235,7 @@ class OvalLegSurface(LegSurface):
 
     Notes
     -----
-    `radius` is that of the round tube. The dihedral angle stays the round tube's: the brace's
+    `radius` is the round tube's. The dihedral angle stays the round tube's: the brace's
     end is prepared by the drawing. A surface at a distance is taken as the ellipse with longer
     semi-axes, which differs from the parallel curve by the ovality squared of that distance.
     """

@@ -56,7 +56,7 @@ class WeldBead(SettingsTable):
     crown : float
         How far its middle rises over (or sags below) its toes, in metres.
     left, right : float
-        Where its toes lie, as shares of half the groove's width at its level; -1 to 1 reaches
+        Where its toes are, as shares of half the groove's width at its level; -1 to 1 reaches
         from bevel to bevel, more laps over the hull.
     """
 
@@ -91,7 +91,7 @@ class HullJoint(SettingsTable):
     length : float
         Along the joint, in metres.
     radius : float or None
-        Of the joint's line in the hull's surface, in metres, positive where it bends to the
+        Of the joint's line in the hull's surface, in metres, positive if it bends to the
         right of who goes along it; None if it is straight.
     tacks : tuple of HullTack
     beads : tuple of WeldBead
@@ -195,7 +195,7 @@ def laser_offset(joint: HullJoint, x: float, y: float, heading: float) -> tuple[
     -------
     along, offset : float
         Place on the joint, and the laser's centre minus the joint along the line, positive where
-        it stands to the right. Metres.
+        it is to the right. Metres.
     """
     along, right = place_beside_joint(joint, x, y)
     for _ in range(4):  # a line that runs at a small angle meets the joint a little farther on

@@ -134,7 +134,7 @@ def _chord_errors(definition: JointDefinition, phi: Array, middle: Array) -> Arr
 
 
 def _leg_rod(d: JointDefinition, radius: float, length: float, error: float) -> manifold3d.Manifold:
-    """A prism about the leg's axis; that of a round leg has the middle of a face on top."""
+    """A prism about the leg's axis; for a round leg it has the middle of a face on top."""
     segments = _prism_sides(radius, error)
     across = np.array((-np.cos(d.angle), 0.0, np.sin(d.angle)))
     T = np.column_stack((across, tangential_direction(0.0), d.leg_surface.axis, np.zeros(3)))
@@ -142,7 +142,7 @@ def _leg_rod(d: JointDefinition, radius: float, length: float, error: float) -> 
     rod = rod.rotate((0, 0, 180 / segments))
     leg = d.leg_surface
     if isinstance(leg, OvalLegSurface):
-        # The bore lies as deep below the surface as that of a round tube.
+        # The bore is as deep below the surface as in a round tube.
         semi = np.array((leg.section.long, leg.section.short)) - (d.leg_radius - radius)
         rod = rod.scale((*semi / radius, 1.0)).rotate((0, 0, np.rad2deg(leg.section.widest)))
     return rod.transform(T)

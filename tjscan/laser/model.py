@@ -88,7 +88,7 @@ class LaserModel(SettingsTable):
         x, from scale, tilt and lens, the same in every profile, see `tjscan.laser.deviation`.
         Data sheets of the class state 0.1 to 0.2 % of the range.
     linearity_seed : int, optional
-        Which sensor of its kind it is; the simulation's seed where left out.
+        Which sensor of its kind it is; the simulation's seed if left out.
     dropout : float
         Probability that a column loses its point at `dropout_end` and beyond.
     dropout_start, dropout_end : float
@@ -99,7 +99,7 @@ class LaserModel(SettingsTable):
         Shortest and longest run of such columns.
     ghosts : float
         Fraction of the points that are ghosts: seen in the mirror of a ground face instead of
-        directly. 0 to 0.15 is realistic. Where no face mirrors another there are none.
+        directly. 0 to 0.15 is realistic. If no face mirrors another there are none.
     ghost_share : float
         At most this share of the columns that could show a ghost do: no face turns into a
         mirror altogether. It outweighs `ghosts` where few columns could.

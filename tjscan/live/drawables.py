@@ -48,7 +48,7 @@ class Surface:
         Numbers of each one's corners.
     colour : tuple of int
     opacity : float
-        1 where nothing shines through.
+        1 if nothing shines through.
     """
 
     vertices: Array

@@ -42,7 +42,7 @@ class LiveFeed:
         self._thread = Thread(target=self._show_entries, name="live page", daemon=True)
         self._thread.start()
 
-    def post(self, entry: object) -> None:
+    def post_entry(self, entry: object) -> None:
         """Hand an entry over at once; drop it if the page is dead or does not keep up."""
         if self.is_dead:
             return
@@ -93,7 +93,7 @@ class RunOnPage:
     def record(self, message: object) -> None:
         """Show a message of the run's journal, or a step; never waits."""
         if self._feed is not None:
-            self._feed.post(message)
+            self._feed.post_entry(message)
 
     def show_state(self, state: str) -> None:
         """Show what the run is doing, in a few words."""
@@ -133,8 +133,10 @@ class RunOnPage:
 
     def _draw_entries(self, entries: Sequence[object]) -> None:
         if self.page is not None:
-            steps = [one if isinstance(one, Step) else self._show.step(one) for one in entries]
-            self.page.show(merge_steps(steps))
+            steps = [
+                one if isinstance(one, Step) else self._show.step_of_entry(one) for one in entries
+            ]
+            self.page.show_step(merge_steps(steps))
 
 
 @contextmanager

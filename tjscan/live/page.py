@@ -110,13 +110,13 @@ class RunView:
         self.panel = Panel(server, setting)
         self._values: list[Mapping[str, float]] = []
 
-    def show(self, step: Step, measure: Measure | None) -> None:
+    def show_step(self, step: Step, measure: Measure | None) -> None:
         """Show what a step changes; colours span all values of the measure that ever came."""
         pieces = (one for one in step.drawn.values() if isinstance(one, MeasuredPiece))
         self._values += [piece.values for piece in pieces]
         scale = self.colour_by(measure)
-        self.stage.draw(step.drawn)
-        self.panel.update(step, measure, scale)
+        self.stage.draw_things(step.drawn)
+        self.panel.show_step(step, measure, scale)
 
     def colour_by(self, measure: Measure | None) -> ColourScale | None:
         """Colour the picture by a measure; gives the scale, which holds all its values so far.
@@ -158,7 +158,9 @@ class Page:
         try:
             with self.server.atomic():
                 self._prepare_scene(settings)
-                self._add_choice_of_measure()
+                if len(self._measures) > 1:
+                    choice = self.server.gui.add_dropdown("Colour and plot", list(self._measures))
+                    choice.on_update(lambda _: self.choose_measure(choice.value))
                 self.views = self._add_views(settings)
         except BaseException:
             close_server(self.server)
@@ -170,12 +172,12 @@ class Page:
     def __exit__(self, *error: object) -> None:
         close_server(self.server)
 
-    def show(self, step: Step, run: int = 0) -> None:
+    def show_step(self, step: Step, run: int = 0) -> None:
         """Show what a step changes in one of the runs."""
         with self._changing, self.server.atomic():
-            self.views[run].show(step, self._measure)
+            self.views[run].show_step(step, self._measure)
 
-    def enable(self, words: Mapping[str, bool]) -> None:
+    def enable_buttons(self, words: Mapping[str, bool]) -> None:
         """Let buttons be pressed, or not, by their words."""
         with self._changing:
             for word, enabled in words.items():
@@ -214,7 +216,7 @@ class Page:
             return
         with self._changing, self.server.atomic():
             for view in self.views:
-                view.panel.plot(self._measure, view.colour_by(self._measure))
+                view.panel.plot_measure(self._measure, view.colour_by(self._measure))
 
     def _prepare_scene(self, settings: Sequence[SceneSetup]) -> None:
         """Theme, lights that a machine without a graphics card can draw, and the camera."""
@@ -236,11 +238,6 @@ class Page:
         look_at = first.look_at + _positions_side_by_side(settings).mean(axis=0)
         server.initial_camera.fov, server.initial_camera.look_at = FIELD_OF_VIEW, look_at
         server.initial_camera.position = look_at + away * (1 + 0.8 * (len(settings) - 1))
-
-    def _add_choice_of_measure(self) -> None:
-        if len(self._measures) > 1:
-            choice = self.server.gui.add_dropdown("Colour and plot", list(self._measures))
-            choice.on_update(lambda _: self.choose_measure(choice.value))
 
     def _add_views(self, settings: Sequence[SceneSetup]) -> list[RunView]:
         shifts = _positions_side_by_side(settings)
@@ -288,10 +285,10 @@ class Replay:
         gui = self.page.server.gui
         self._slider = gui.add_slider("Step", 0, max(last, 1), 1, last, order=0)
         self._shown = -1
-        self._slider.on_update(lambda _: self.move_to())
-        self.move_to(last)
+        self._slider.on_update(lambda _: self.move_to_step())
+        self.move_to_step(last)
 
-    def move_to(self, number: int | None = None) -> None:
+    def move_to_step(self, number: int | None = None) -> None:
         """Show all runs as they were after a step, by its number; by default the slider's.
 
         A drag of the slider sends more places than can be shown.
@@ -315,8 +312,8 @@ class Replay:
             for name, thing in whole.drawn.items()
             if drawn.get(name) is not thing or isinstance(thing, ArmPosture)
         }
-        view.panel.forget()
+        view.panel.forget_steps()
         facts = {"step": f"{number + 1} of {len(show.steps)}: {whole.label}", **whole.facts}
-        self.page.show(replace(whole, drawn=changed, facts=facts), k)
+        self.page.show_step(replace(whole, drawn=changed, facts=facts), k)
         drawn.update(changed)
         view.stage.show_only(whole.drawn)

@@ -90,7 +90,7 @@ class Panel:
         with gui.add_folder("Events", expand_by_default=True):
             self._log = gui.add_html(_fill_macro("events", ()))
 
-    def update(self, step: Step, measure: Measure | None, scale: ColourScale | None) -> None:
+    def show_step(self, step: Step, measure: Measure | None, scale: ColourScale | None) -> None:
         """Show what a step changes.
 
         Parameters
@@ -120,9 +120,9 @@ class Panel:
             _redraw_chart(self._profile, columns, x_ends=round_scale_ends(x), y={"range": ends})
         if step.samples and measure is not None:
             self.samples.extend(step.samples)
-            self.plot(measure, scale)
+            self.plot_measure(measure, scale)
 
-    def forget(self) -> None:
+    def forget_steps(self) -> None:
         """Forget all that was shown: other steps come next."""
         self.samples, self.events = [], []
         self._facts = dict(INITIAL_FACTS)
@@ -131,7 +131,7 @@ class Panel:
         self._drawn_diagram = None
         self._log.content = _fill_macro("events", ())
 
-    def plot(self, measure: Measure, scale: ColourScale | None) -> None:
+    def plot_measure(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
         columns = plot_columns(self.samples, measure.name)
         x_ends = self._setting.plot_range or round_scale_ends(columns[0])

@@ -55,7 +55,7 @@ class Stage:
         for k, thing in enumerate(setting.ghost):
             self._draw_thing(f"ghost/{k}", thing)
 
-    def draw(self, things: Mapping[str, Drawable]) -> None:
+    def draw_things(self, things: Mapping[str, Drawable]) -> None:
         """Draw things by their names; what had a name before is replaced."""
         for name, thing in things.items():
             self._draw_thing(name, thing)

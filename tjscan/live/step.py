@@ -194,7 +194,7 @@ class SceneSetup:
     plot_axis : str
         What the samples' x is, with its unit.
     plot_range : tuple of float or None
-        Ends of that axis; as the samples have them where left out.
+        Ends of that axis; as the samples have them if left out.
     arm : Kinematics or None
     solids : tuple of Solid
         What is about, in frame b.
@@ -249,10 +249,10 @@ class Show(Protocol):
     def setting(self) -> SceneSetup:
         """What does not change."""
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """What an entry changes: nothing if it is of an unknown type."""
 
 
-ShowReader = Callable[[Path], tuple[Show, Iterable[object]]]
+ReplayReader = Callable[[Path], tuple[Show, Iterable[object]]]
 """A function that each task brings: what shows its runs, and what was recorded of a run, by the
 run's directory. It raises ConfigurationError or RecordingError if a file is wrong or damaged."""

@@ -56,7 +56,7 @@ def find_stretches_off_details(
 ) -> tuple[DetailStretch, ...]:
     """Compare every section with the details whose dihedral angles hold its own.
 
-    Where several do, the one with the fewest measures out of their windows is reported. This states
+    If several do, the one with the fewest measures out of their windows is reported. This states
     what was measured beside the user's table, and no more.
 
     Parameters

@@ -274,8 +274,8 @@ def plan_document(
         gas_l=_file_value("gas_l", plan.gas_volume),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
-            _fill_entry(ZoneEntry, zone, beads_in_layers=zone.arrangement.counts)
-            for zone in plan.zones
+            _fill_entry(ZoneEntry, one, beads_in_layers=one.arrangement.counts)
+            for one in plan.zones
         ),
         beads=tuple(
             _fill_entry(BeadEntry, bead, positions=tuple(sorted(set(bead.positions))))

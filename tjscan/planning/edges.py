@@ -173,10 +173,8 @@ def fit_groove_edges(
     if len(sections) < FEWEST_SECTIONS:
         raise ConfigurationError(f"{FEWEST_SECTIONS} sections or more are needed", key="sections")
     points = np.array([s.points for s in sections])
-    corners = np.stack(
-        (points[:, 2], points[:, 3], np.array([s.T_r_g[:3, 3] for s in sections]), points[:, 1]),
-        axis=1,
-    )
+    origins = np.array([s.T_r_g[:3, 3] for s in sections])
+    corners = np.stack((points[:, 2], points[:, 3], origins, points[:, 1]), axis=1)
     areas = np.array([section.measures[3] for section in sections])
     if not (areas > 0).all():
         raise ConfigurationError(

@@ -75,9 +75,7 @@ def cut_groove_stations(edges: GrooveEdges, s: Array) -> GrooveStations:
     across = cross(up, tangent)
     across = across * np.sign(np.sum(across * (p[:, 1] - p[:, 0]), axis=1, keepdims=True))
     away = p - origin[:, None]
-    flat = np.stack(
-        (np.sum(away * across[:, None], axis=2), np.sum(away * up[:, None], axis=2)), axis=2
-    )
+    flat = np.stack([np.sum(away * axis[:, None], axis=2) for axis in (across, up)], axis=2)
     return GrooveStations(np.asarray(s), origin, across, up, flat, tangent)
 
 

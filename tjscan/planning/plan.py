@@ -56,7 +56,7 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     wps : WeldingProcedure
         Its windows.
     """
-    table, limits = wps.limits(open_root=bead.open_root)
+    table, limits = wps.limits_of_bead(open_root=bead.open_root)
     checks: tuple[tuple[str, FileUnit, Array, tuple[float, float]], ...] = (
         (f"{table}.wire_feed", M_PER_MIN, np.full_like(bead.speed, bead.feed), limits.wire_feed),
         (f"{table}.travel_speed", MM_PER_MIN, bead.speed, limits.travel_speed),
@@ -140,7 +140,7 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
 
 
 def _findings_at(bead: PlannedBead, key: str, out: Mask, text: str) -> Iterator[WpsFinding]:
-    """The finding of a bead at those of its points that are out; none if none is."""
+    """The finding of a bead at its points that are out; none if all are in."""
     if out.any():
         at = bead.s[out]
         ends = float(at.min()), float(at.max())
@@ -278,10 +278,8 @@ def plan_weld(
                 laid.append([bead_parts_outside_spans(bead, skipped) for bead in done])
             for parts_by_span in zip(*laid, strict=True):
                 last += 1
-                beads += [
-                    replace(bead, number=last, part=part, zone=number)
-                    for part, bead in enumerate(chain.from_iterable(parts_by_span), start=1)
-                ]
+                for part, bead in enumerate(chain.from_iterable(parts_by_span), start=1):
+                    beads.append(replace(bead, number=last, part=part, zone=number))
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
         *findings_of_stops(beads, stops, wps),

@@ -98,9 +98,8 @@ class SmoothCurve:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _kernel(self, x: Array, derivative: int = 0) -> Array:
-        return smoothness_kernel(
-            x[:, None] - self._nodes, self._order, closed=self._closed, derivative=derivative
-        )
+        between = x[:, None] - self._nodes
+        return smoothness_kernel(between, self._order, closed=self._closed, derivative=derivative)
 
     def _powers(self, x: Array) -> Array:
         return polynomial_powers(x, len(self.trend))

@@ -75,7 +75,7 @@ class StopPlacement:
     sequence : SequenceSettings
         The WPS's table of starts and stops.
     landmarks : ndarray, shape (k,)
-        Crowns and saddles, metres along the groove; none where they are not known.
+        Crowns and saddles, metres along the groove; none if they are not known.
     stretches : tuple of StationStretch
         What stations reach, in the order in which these weld: one has laid all of its beads before
         the next begins. Empty if there is only one place to weld from.

@@ -227,7 +227,7 @@ class BeadCells:
             for j in range(self.counts[-1]):
                 u = np.linspace(self.u[-1][i, j + 1], self.u[-1][i, j], points)[:, None]
                 top = p2 + u * along + height * 4 * u * (1 - u) * up
-                # Where the reinforcement is nothing, at bevel and leg, its end is the corner.
+                # If the reinforcement is nothing, at bevel and leg, its end is the corner.
                 top = top[int(j == self.counts[-1] - 1) : len(top) - int(j == 0)]
                 quad = found[j - self.counts[-1]]
                 found[j - self.counts[-1]] = np.concatenate((quad[:3], top, quad[3:]))

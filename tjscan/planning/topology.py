@@ -182,7 +182,7 @@ class BeadArranger:
 
     def _arc_limits(self, kind: str) -> tuple[str, ArcSettings | RootSettings]:
         """Table, and its name, of the windows of a kind of bead."""
-        return self.wps.limits(open_root=kind == "root" and self.root == "open")
+        return self.wps.limits_of_bead(open_root=kind == "root" and self.root == "open")
 
     @cached_property
     def _layer_counts_by_beads(self) -> dict[int, list[tuple[int, ...]]]:

@@ -311,13 +311,9 @@ class WeldingProcedure(StrictFileModel):
     detail: Annotated[tuple[JointDetail, ...], MaxLen(50), LIST_OR_WORD_IN_FILE] = ()
 
     @model_validator(mode="after")
-    def _check_power_of_root(self) -> Self:
+    def _check_root_and_tacks(self) -> Self:
         if not self.arc.has_power_for(self.root.wire_feed):
             raise ValueError("arc.power must reach from end to end of root.wire_feed_m_min")
-        return self
-
-    @model_validator(mode="after")
-    def _check_length_of_tacks(self) -> Self:
         least = 2 * self.sequence.overlap
         if self.root.tacks == "skip" and self.root.tack_length <= least:
             raise ValueError(
@@ -326,7 +322,7 @@ class WeldingProcedure(StrictFileModel):
             )
         return self
 
-    def limits(self, *, open_root: bool) -> tuple[str, ArcSettings | RootSettings]:
+    def limits_of_bead(self, *, open_root: bool) -> tuple[str, ArcSettings | RootSettings]:
         """Table, and its name, that holds the windows of a bead's feed, speed and heat input.
 
         Parameters

@@ -95,10 +95,8 @@ def profile_from_cloud_message(cloud: PointCloud, times: Profile) -> Profile:
         If the message holds something else.
     """
     names = [field.name for field in cloud.fields]
-    packed = all(
-        field.type == NumericType.FLOAT64 and field.offset == 8 * i
-        for i, field in enumerate(cloud.fields)
-    )
+    layout = [(field.type, field.offset) for field in cloud.fields]
+    packed = layout == [(NumericType.FLOAT64, 8 * i) for i in range(len(layout))]
     if not names or not packed or cloud.point_stride != 8 * len(names):
         raise ValueError("a point cloud whose fields are no profile's")
     table = np.frombuffer(cloud.data, dtype="<f8").reshape(-1, len(names))

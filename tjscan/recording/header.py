@@ -128,7 +128,7 @@ def job_snapshot_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tupl
 
 def _differing_keys(name: str, before: str, now: str) -> Iterator[tuple[str, str]]:
     try:
-        old, new = (dict(_leaf_values(tomllib.loads(text))) for text in (before, now))
+        old, new = (flatten_to_dotted_keys(tomllib.loads(text)) for text in (before, now))
     except (ValueError, RecursionError) as error:
         raise RecordingError(f"what it was recorded with can't be read: {error}") from error
     for key in sorted(old.keys() | new.keys()):
@@ -136,9 +136,19 @@ def _differing_keys(name: str, before: str, now: str) -> Iterator[tuple[str, str
             yield f"{name}{key}", f"was {old.get(key, 'not there')}, is {new.get(key, 'not there')}"
 
 
-def _leaf_values(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def flatten_to_dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Flatten nested tables: ``{"scan": {"step_mm": 1}}`` becomes ``{"scan.step_mm": 1}``.
+
+    Parameters
+    ----------
+    table : mapping
+        As TOML gives it.
+    prefix : str
+        Put before every key.
+    """
+    flat: dict[str, Any] = {}
     for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _leaf_values(value, f"{above}{key}.")
-        else:
-            yield f"{above}{key}", value
+        name = f"{prefix}{key}"
+        is_table = isinstance(value, Mapping)
+        flat |= flatten_to_dotted_keys(value, f"{name}.") if is_table else {name: value}
+    return flat

@@ -46,10 +46,8 @@ def neighbouring_parts(file: Path) -> tuple[Path | None, Path | None]:
     numbered = re.fullmatch(r"(.+)-([1-9]\d{0,8})", file.stem)
     kind, number = (numbered[1], int(numbered[2])) if numbered else (file.stem, 1)
     before, behind = (_part_file(file.parent, kind, number + step) for step in (-1, 1))
-    return (
-        before if number > 1 and before.is_file() else None,
-        behind if behind.is_file() else None,
-    )
+    found = before if number > 1 and before.is_file() else None
+    return found, behind if behind.is_file() else None
 
 
 def _part_file(directory: Path, kind: str, number: int) -> Path:

@@ -268,7 +268,7 @@ class MissingMessages:
         self.noticed: list[str] = []
         """Damages since the last message, whose loss the next one shows."""
 
-    def count(self, number: int, *, is_at_end: bool = False) -> None:
+    def count_message(self, number: int, *, is_at_end: bool = False) -> None:
         """Take the number of a message that was read, or of the first one in the next file."""
         missing = number - self.expected
         if missing:
@@ -278,10 +278,10 @@ class MissingMessages:
         self.expected = number + 1
         self.noticed.clear()
 
-    def end(self, following: RecordingHeader | None) -> None:
+    def end_file(self, following: RecordingHeader | None) -> None:
         """Take the head of the part that follows this file; None if none does."""
         if following is not None:
-            self.count(following.messages_before, is_at_end=True)
+            self.count_message(following.messages_before, is_at_end=True)
         elif self.noticed:
             self._report_noticed(is_at_end=True)
 
@@ -356,17 +356,15 @@ def read_messages(
             channels[record.id] = topic
         elif isinstance(record, Message):
             if record.channel_id not in channels:
-                raise _damage_error(
-                    file, f"a message on channel {record.channel_id}, which is unknown"
-                )
-            count.count(record.sequence)
+                why = f"a message on channel {record.channel_id}, which is unknown"
+                raise _damage_error(file, why)
+            count.count_message(record.sequence)
             topic = channels[record.channel_id]
             if topic is not None:
-                yield RecordedMessage(
-                    topic, record.log_time, _decode_message(file, topic, record.data)
-                )
+                content = _decode_message(file, topic, record.data)
+                yield RecordedMessage(topic, record.log_time, content)
     _, following = neighbouring_parts(file)
-    count.end(None if following is None else read_header(following))
+    count.end_file(None if following is None else read_header(following))
 
 
 def count_messages(file: Path) -> int:
@@ -425,9 +423,7 @@ def _decode_message(file: Path, topic: Topic[Any], data: bytes) -> Any:
         raise _damage_error(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
-def _records_before_messages(
-    file: Path,
-) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
+def _records_before_messages(file: Path) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
     def refuse(reason: str) -> None:
         raise _damage_error(file, reason)
 
@@ -479,10 +475,10 @@ def _check_program(file: Path, header: McapHeader) -> None:
 def _check_format(file: Path, head: RecordingHeader) -> None:
     if head.format != FORMAT_VERSION:
         newer = f"Install {PROGRAM_NAME} {head.version} or newer"
+        advice = OLD_RECORDING_ADVICE if head.version == "0.1.0" else newer
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "
-            f"version reads format {FORMAT_VERSION} only. "
-            f"{OLD_RECORDING_ADVICE if head.version == '0.1.0' else newer}"
+            f"version reads format {FORMAT_VERSION} only. {advice}"
         )
 
 

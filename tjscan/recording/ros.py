@@ -105,17 +105,13 @@ def joint_trajectory_message(time: int, names: Sequence[str], q: Array, times: A
     times : ndarray, shape (n,)
         Seconds from the start, growing.
     """
+    starts = (_seconds_and_nanoseconds(round(1e9 * at)) for at in times.tolist())
+    unstated: dict[str, Any] = {"velocities": [], "accelerations": [], "effort": []}
     points = [
-        {
-            "positions": angles,
-            "velocities": [],
-            "accelerations": [],
-            "effort": [],
-            "time_from_start": _seconds_and_nanoseconds(round(1e9 * at)),
-        }
-        for angles, at in zip(q.tolist(), times.tolist(), strict=True)
+        {"positions": angles, **unstated, "time_from_start": start}
+        for angles, start in zip(q.tolist(), starts, strict=True)
     ]
-    # No frame: angles are those of the joints that are named.
+    # No frame: the angles are of the joints that are named.
     fields = {"header": _ros_message_header(time, ""), "joint_names": list(names), "points": points}
     return RosMessage(JOINT_TRAJECTORY_TYPE, fields)
 

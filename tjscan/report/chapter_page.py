@@ -65,15 +65,13 @@ def draw_sheet_picture(chapter: ReportChapter) -> Figure:
         With a sheet.
     """
     charts = _charts_by_title(chapter.charts)
-    figure = picture.new_figure(
-        NARROW_CHART_SIZE[0] * max(len(charts), 1), 1.3 * NARROW_CHART_SIZE[1]
-    )
+    wide = max(len(charts), 1)
+    figure = picture.new_figure(NARROW_CHART_SIZE[0] * wide, 1.3 * NARROW_CHART_SIZE[1])
     if chapter.sheet is not None:
         texts = [f"{name}: {value}" for name, value in chapter.sheet.headline]
-        wide = max(len(charts), 1)
         rows = [", ".join(texts[k : k + wide]) for k in range(0, len(texts), wide)]
         figure.suptitle("\n".join((chapter.sheet.title, *rows)), fontsize=10, parse_math=False)
-    panels = figure.subplots(1, max(len(charts), 1), squeeze=False)[0]
+    panels = figure.subplots(1, wide, squeeze=False)[0]
     for axes, (title, lines) in zip(panels, charts.items(), strict=False):
         _draw_charts_of_one_title(axes, lines)
         axes.set_title(title, fontsize=10)

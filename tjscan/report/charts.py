@@ -29,7 +29,7 @@ from tjscan.result.picture import (
 )
 from tjscan.result.wireframe import joint_wireframe
 
-DESIGN_COLOUR: Final = "#d62728"
+DESIGN_LINE_STYLE: Final[dict[str, Any]] = {"color": "#d62728", "linestyle": "--", "linewidth": 1}
 STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 """Of stations that are drawn together."""
 
@@ -98,14 +98,16 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
         picture.draw_line_with_dots(axes, x, y, LASER_COLOUR, "measured", linewidth=1)
         if design is not None:
             drawn = design[:, k] / field.unit.factor
-            axes.plot(x, drawn, "--", color=DESIGN_COLOUR, linewidth=1, label="as designed")
+            axes.plot(x, drawn, **DESIGN_LINE_STYLE, label="as designed")
         axes.set_ylabel(field.chart_title)
         axes.grid(alpha=0.3)
     for axes in panels[-1]:
         axes.set_xlabel(label)
     panels[0, 0].legend(fontsize=8)
     designed = "" if design is None else " Dashed: the joint as designed, cut by the same planes."
-    every = ((field, field.values(sections)) for field in result_section.MEASURE_FIELDS)
+    every = (
+        (field, field.values_in_file_units(sections)) for field in result_section.MEASURE_FIELDS
+    )
     ranges = (f"{field.chart_title} {y.min():.1f} to {y.max():.1f}" for field, y in every)
     return picture.inline_figure(
         figure,
@@ -137,7 +139,7 @@ def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
         for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
             picture.draw_line_with_dots(axes, chart.x, chart.y, colour, name)
             if chart.nominal is not None:
-                axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
+                axes.axhline(chart.nominal, **DESIGN_LINE_STYLE)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
             axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
         axes.set_title(title, fontsize=10)
@@ -171,9 +173,7 @@ def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
         name = f"$p_{k + 2}$"
         picture.draw_line_with_dots(axes, x[order], distances[:, k], colour, name, linewidth=1)
     if (tolerance := data.comparison.tolerance) is not None:
-        axes.axhline(
-            1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
-        )
+        axes.axhline(1e3 * tolerance, **DESIGN_LINE_STYLE, label="tolerance")
     axes.set_ylim(bottom=0)
     axes.set(xlabel=label, ylabel="distance / mm")
     axes.grid(alpha=0.3)

@@ -153,9 +153,8 @@ def _dimensions_of_section(
     allowed = NO_TOLERANCE_STATED if drawing is None else drawing.tolerance
     is_open, rootless = not isnan(section.root_opening), bool(hidden[1:].any())
     measures, sigmas = section.measures, section.sigmas
-    yield _dimension_from_si(
-        "groove angle", measures[0], sigmas[0], designed[0], allowed.groove_angle
-    )
+    angle = measures[0], sigmas[0], designed[0], allowed.groove_angle
+    yield _dimension_from_si("groove angle", *angle)
     width = section.root_opening if is_open else measures[1]
     name = "root opening" if is_open else "root bead"
     lost = nan if rootless else 0.0
@@ -174,7 +173,7 @@ def _dimensions_of_section(
 def _high_low_dimensions(
     section: MeasuredSection, hidden: Array, drawing: JointDefinition
 ) -> Iterator[Dimension]:
-    """How far the brace at p2 and the leg at p4 stand out of where they are drawn."""
+    """How far the brace at p2 and the leg at p4 are outside their drawn places."""
     wall, sigma = _corner_along(section, 0, _outward_from_brace(section.points[1]))
     off = wall - drawing.brace_radius + (nan if hidden[0] else 0.0)
     yield _dimension_from_si("high-low, brace", off, sigma, 0.0, drawing.tolerance.high_low)
@@ -200,9 +199,8 @@ def _dimension_from_si(
 ) -> Dimension:
     """A dimension from radians or metres."""
     is_angle, largest = name == "groove angle", inf if tolerance is None else tolerance
-    numbers = (
-        float(v) * (180 / pi if is_angle else 1e3) for v in (value, sigma, designed, largest)
-    )
+    factor = 180 / pi if is_angle else 1e3
+    numbers = (float(v) * factor for v in (value, sigma, designed, largest))
     return Dimension(name, "°" if is_angle else "mm", *numbers)
 
 

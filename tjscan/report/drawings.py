@@ -96,9 +96,8 @@ def draw_sections(data: ReportData) -> list[SectionDrawing]:
     planes = [_section_plane(*one, size) for one in zip(sections, leg_normals, strict=True)]
     half = 0.5 * max(float(plane.p[3, 1] - plane.p[1, 1]) for plane in planes) + 0.75 * size
     drawings = []
-    for k, section, plane, dimensions in zip(
-        chosen, sections, planes, section_dimensions(sections, data.joint), strict=True
-    ):
+    every = section_dimensions(sections, data.joint)
+    for k, section, plane, dimensions in zip(chosen, sections, planes, every, strict=True):
         at = "" if azimuths is None else f"{clock_text(azimuths[k])}, "
         title, bore = f"{at}section {data.section_number(section)}", None
         if data.joint is not None:
@@ -145,9 +144,8 @@ def _section_plane(section: MeasuredSection, leg_normal: Array, size: float) -> 
     normal = (T_g_r[:3, :3] @ leg_normal)[[2, 1]] * (1, -1)
     along = unit_vector(np.array((-normal[1], normal[0])))
     seen = (True, *(name not in section.absent for name in ("p2", "p3", "p4")), True)
-    return _SectionPlane(
-        T_g_r, p, seen, unit_vector(p[1] - p[2]), along * np.sign(along[0] or 1.0), size
-    )
+    bevel, leg = unit_vector(p[1] - p[2]), along * np.sign(along[0] or 1.0)
+    return _SectionPlane(T_g_r, p, seen, bevel, leg, size)
 
 
 def _draw_section(
@@ -204,9 +202,8 @@ def _steel_path(plane: _SectionPlane, bore: float | None, *, is_open: bool) -> s
     p, s, leg = plane.p, plane.size, plane.leg
     inward = p[3] - 3 * s * leg
     deep = 0.35 * s * np.array((-leg[1], leg[0]))
-    solid = f"M{plane.leg_svg_path}" + _svg_path(
-        p[4] + deep, p[3] + deep, inward + deep, inward
-    ).replace("M", "L")
+    below = _svg_path(p[4] + deep, p[3] + deep, inward + deep, inward)
+    solid = f"M{plane.leg_svg_path}{below.replace('M', 'L')}"
     solid += f"L{_svg_point(p[3])}Z"
     if bore is None:
         return solid
@@ -214,18 +211,16 @@ def _steel_path(plane: _SectionPlane, bore: float | None, *, is_open: bool) -> s
     at_bore = foot - leg * (foot[0] - bore) / leg[0]
     top = p[0, 1] - s
     rest = () if is_open else (p[3],)
-    return (
-        solid + _svg_path(np.array((p[1, 0], top)), p[1], p[2], *rest, at_bore, (bore, top)) + "Z"
-    )
+    wall = _svg_path(np.array((p[1, 0], top)), p[1], p[2], *rest, at_bore, (bore, top))
+    return f"{solid}{wall}Z"
 
 
 def _angle_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     apex, reach = plane.apex, float(np.linalg.norm(plane.p[1] - plane.apex))
     r = 0.7 * reach
     start, end = apex + r * plane.bevel, apex + r * plane.leg
-    thin = _svg_path(plane.p[1], apex, plane.p[3]) + _svg_path(
-        plane.p[3], apex + 1.2 * r * plane.leg
-    )
+    beyond = _svg_path(plane.p[3], apex + 1.2 * r * plane.leg)
+    thin = _svg_path(plane.p[1], apex, plane.p[3]) + beyond
     arc = f"M{_svg_point(start)}A{r:.2f} {r:.2f} 0 0 1 {_svg_point(end)}"
     at = apex + 1.02 * reach * unit_vector(plane.bevel + plane.leg)
     return thin, arc, _dimension_label(at, "start", dimension)

@@ -166,8 +166,8 @@ class HeadlineNumber:
 def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
     """Give the headline's numbers: the deviation if there is one, then the groove itself.
 
-    Corners speak for a deviation, for a cloud's extremes are the laser's ghosts. Where a cloud
-    alone was compared, the half of it that lies closest does.
+    Corners speak for a deviation, for a cloud's extremes are the laser's ghosts. If a cloud
+    alone was compared, the half of it that is closest does.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 "use strict";
-// The groove in space, to turn: plain WebGL without a library. Where there is none, the still
-// picture stays. Units are those of the data: millimetres, in the frame of the result.
+// The groove in space, to turn: plain WebGL without a library. If there is none, the still
+// picture stays. Units are the data's: millimetres, in the frame of the result.
 (() => {
   const figure = document.getElementById("view3d");
   const scene = JSON.parse(document.getElementById("view3d-data").textContent);
@@ -8,7 +8,7 @@
   const gl = canvas.getContext("webgl"), pen = paper.getContext("2d");
   if (!gl) return;
   const find = name => figure.querySelector(`[name=${name}]`);
-  const told = figure.querySelector("output"), choice = find("quantity");
+  const readout = figure.querySelector("output"), choice = find("quantity");
 
   // ---- vectors
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -268,7 +268,7 @@
     pen.lineWidth = width; pen.setLineDash(dashes); pen.stroke(); pen.setLineDash([]);
   }
 
-  // ---- pointing: what is under the pointer tells its values, two corners their distance
+  // ---- pointing: what is under the pointer shows its values, two corners their distance
   const between = (p, a, b) => {
     const d = [b[0] - a[0], b[1] - a[1]], n = d[0] ** 2 + d[1] ** 2 || 1;
     const t = Math.min(Math.max(((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / n, 0), 1);
@@ -293,18 +293,18 @@
     }));
     return best;
   }
-  function tell() {
+  function showReadout() {
     if (picked.length === 2) {
       const off = minus(picked[1].at, picked[0].at);
       const parts = off.map((v, i) => `Δ${"xyz"[i]} ${v.toFixed(2)}`).join(", ");
-      told.textContent = `${picked[0].name} to ${picked[1].name}: ${Math.hypot(...off).toFixed(2)} mm (${parts})`;
-    } else if (picked.length === 1) told.textContent = `${picked[0].name}: click another corner to measure to it`;
+      readout.textContent = `${picked[0].name} to ${picked[1].name}: ${Math.hypot(...off).toFixed(2)} mm (${parts})`;
+    } else if (picked.length === 1) readout.textContent = `${picked[0].name}: click another corner to measure to it`;
     else if (hovered !== null) {
       const section = sections[hovered];
       const values = scene.quantities.filter(one => one.values && one.values[hovered] !== null).map(one =>
         `${one.name} ${one.values[hovered].toFixed(2)}${one.sigmas ? ` ± ${(2 * one.sigmas[hovered]).toFixed(2)}` : ""} ${one.unit}`);
-      told.textContent = [`section ${section.name} ${section.where}`.trim(), ...values, ...section.conditions].join(", ");
-    } else told.textContent = told.dataset.hint;
+      readout.textContent = [`section ${section.name} ${section.where}`.trim(), ...values, ...section.conditions].join(", ");
+    } else readout.textContent = readout.dataset.hint;
   }
 
   const pointers = new Map();
@@ -327,7 +327,7 @@
   });
   canvas.addEventListener("pointermove", event => {
     const now = place(event), before = pointers.get(event.pointerId);
-    if (!before) { hovered = nearestSection(now); tell(); redraw(); return; }
+    if (!before) { hovered = nearestSection(now); showReadout(); redraw(); return; }
     const [dx, dy] = [now[0] - before[0], now[1] - before[1]];
     travelled += Math.hypot(dx, dy);
     if (pointers.size === 2) {
@@ -344,14 +344,14 @@
       const corner = nearestCorner(place(event));
       picked = corner ? [...(picked.length === 2 ? [] : picked), corner] : [];
       hovered = nearestSection(place(event));
-      tell();
+      showReadout();
       redraw();
     }
     pointers.delete(event.pointerId);
   };
   canvas.addEventListener("pointerup", lift);
   canvas.addEventListener("pointercancel", lift);
-  canvas.addEventListener("pointerleave", () => { hovered = null; tell(); redraw(); });
+  canvas.addEventListener("pointerleave", () => { hovered = null; showReadout(); redraw(); });
   canvas.addEventListener("contextmenu", event => event.preventDefault());
   // The wheel scrolls the page until the view is clicked.
   canvas.addEventListener("wheel", event => {
@@ -366,10 +366,10 @@
   });
 
   choice.append(...scene.quantities.map(one => new Option(one.name)));
-  choice.addEventListener("change", () => { build(); tell(); });
+  choice.addEventListener("change", () => { build(); showReadout(); });
   for (const name of ["points", "numbers", "ghost"]) find(name)?.addEventListener("change", redraw);
   find("stations")?.addEventListener("change", reset);
-  find("reset").addEventListener("click", () => { picked = []; tell(); reset(); });
+  find("reset").addEventListener("click", () => { picked = []; showReadout(); reset(); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", build);
   new ResizeObserver(redraw).observe(canvas);
   canvas.addEventListener("webglcontextlost", () => figure.classList.remove("turns"));
@@ -377,5 +377,5 @@
   if (scene.ghost) buildGhost();
   reset();
   build();
-  tell();
+  showReadout();
 })();

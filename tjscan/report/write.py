@@ -98,8 +98,8 @@ def _measure_rows(data: ReportData) -> list[tuple[str, ...]]:
     """A row for each measure of the groove: smallest, mean, largest, median standard deviation."""
     table = []
     for field, sigma in zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True):
-        values = field.values(data.sections)
-        spread = np.median(sigma.values(data.sections))
+        values = field.values_in_file_units(data.sections)
+        spread = np.median(sigma.values_in_file_units(data.sections))
         numbers = (f"{value:.2f}" for value in (values.min(), values.mean(), values.max()))
         table.append((field.chart_title, *numbers, f"{spread:.2g}"))
     return table

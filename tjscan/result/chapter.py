@@ -191,7 +191,7 @@ class ReportChapter:
     events : tuple of RunEvent
         In their order.
     sheet : ReportSheet or None
-        Where its page is a single sheet.
+        If its page is a single sheet.
     animation : PlaneAnimation or None
         What moved, for the reader to scrub through.
     profiles : mapping of int to Profile

@@ -1,4 +1,4 @@
-"""The groove's direction and the surfaces' normals, from sections that lie across it.
+"""The groove's direction and the surfaces' normals, from sections that are across it.
 
 A section's own plane is turned from the groove's normal plane by about the pull angle, and so are
 the axes of its frame g. A torch needs the groove's true direction, which only neighbouring
@@ -84,7 +84,7 @@ def tangents_along_line(points: Array, x: Array) -> Array:
     Parameters
     ----------
     points : ndarray, shape (n, 3)
-        In their order along the line; closed if the last lies about a step from the first.
+        In their order along the line; closed if the last is about a step from the first.
     x : ndarray, shape (n, 3)
         To whose side each direction goes.
 

@@ -95,10 +95,8 @@ def build_sections_document(
             "calibration": calibration,
             "provenance": provenance,
             "fields": {
-                field.name: SectionFieldDescription(
-                    unit=field.unit_for_lengths(unit).suffix, meaning=field.meaning
-                )
-                for field in SECTION_FIELDS
+                one.name: {"unit": one.unit_for_lengths(unit).suffix, "meaning": one.meaning}
+                for one in SECTION_FIELDS
             },
             "sections": [dict(zip(columns, row, strict=True)) for row in rows],
         }

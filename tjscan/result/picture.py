@@ -74,7 +74,7 @@ def draw_groove_3d(
     corners = 1e3 * np.array([section.points for section in sections])
     for k in (1, 2, 3):
         axes.plot(*corners[:, k].T, color=CORNER_COLOUR, linewidth=0.6)
-    angles = MEASURE_FIELDS[0].values(sections)
+    angles = MEASURE_FIELDS[0].values_in_file_units(sections)
     scale = Normalize(angles.min(), max(angles.max(), angles.min() + 1e-3))
     for section, angle in zip(corners, angles, strict=True):
         axes.plot(*section.T, color=colormaps[ANGLE_COLOURS](scale(angle)), linewidth=1.6)
@@ -91,9 +91,8 @@ def draw_groove_3d(
     rightward = np.array((-np.sin(np.radians(towards)), np.cos(np.radians(towards)), 1.0))
     foot = np.where(rightward > 0, low, high)
     _draw_coordinate_axes(axes, frame, foot)
-    _look_from_outside(
-        axes, towards, np.vstack((everything, foot + AXIS_NAME_DISTANCE * np.eye(3)))
-    )
+    axis_names = foot + AXIS_NAME_DISTANCE * np.eye(3)
+    _look_from_outside(axes, towards, np.vstack((everything, axis_names)))
     colours = ScalarMappable(scale, ANGLE_COLOURS)
     place = {"location": "bottom", "shrink": 0.5, "pad": 0.02, "aspect": 30}
     bar = axes.figure.colorbar(colours, ax=axes, **place)

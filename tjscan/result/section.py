@@ -117,7 +117,7 @@ class SectionQuantity:
         suffix = self.unit_for_lengths(length).suffix
         return tuple(f"{label}_{suffix}" if suffix else label for label in self.labels)
 
-    def raw_values(self, sections: Sequence[MeasuredSection]) -> NDArray[Any]:
+    def values_in_si_units(self, sections: Sequence[MeasuredSection]) -> NDArray[Any]:
         """The quantity's values of sections, numbers in SI units; several words are joined."""
         if self.take is not None:
             return np.asarray(self.take(sections))
@@ -126,9 +126,9 @@ class SectionQuantity:
             found = [one if isinstance(one, str) else WORD_SEPARATOR.join(one) for one in found]
         return np.array(found)
 
-    def values(self, sections: Sequence[MeasuredSection]) -> Array:
+    def values_in_file_units(self, sections: Sequence[MeasuredSection]) -> Array:
         """The quantity's values of sections, in millimetres and degrees."""
-        return np.asarray(self.raw_values(sections) / self.unit.factor)
+        return np.asarray(self.values_in_si_units(sections) / self.unit.factor)
 
     def formatted_columns(
         self, sections: Sequence[MeasuredSection], length: LengthUnit = "mm"
@@ -138,7 +138,7 @@ class SectionQuantity:
         decimals = self.decimals
         if decimals is not None:
             decimals += round(np.log10(unit.factor / self.unit.factor))
-        rows = self.raw_values(sections).reshape(len(sections), len(self.labels))
+        rows = self.values_in_si_units(sections).reshape(len(sections), len(self.labels))
         return [
             [_formatted_value(value, unit.factor, decimals) for value in row]
             for row in rows.tolist()
@@ -191,7 +191,7 @@ def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
     """
     columns: dict[str, Any] = {}
     for field in (one for one in SECTION_FIELDS if len(sections) > 1 or not one.derived):
-        values = field.raw_values(sections)
+        values = field.values_in_si_units(sections)
         if field.unit is not NO_UNIT:
             values = values / field.unit.factor
         rows = values.reshape(len(sections), len(field.labels))
@@ -209,8 +209,8 @@ def measure_columns(
     rootless = absent_corners(sections).any(axis=1)
     columns = []
     for k, (field, sigma) in enumerate(zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True)):
-        values = np.where(rootless & (k > 0), np.nan, field.values(sections))
-        columns.append((field, values, sigma.values(sections)))
+        values = np.where(rootless & (k > 0), np.nan, field.values_in_file_units(sections))
+        columns.append((field, values, sigma.values_in_file_units(sections)))
     return columns
 
 

@@ -43,16 +43,8 @@ LOOP_OPEN_TEXT: Final = (
 Triple = tuple[float, float, float]
 
 SUMMED_SUMMARY_KEYS: Final = (
-    "scans",
-    "half_steps",
-    "flange_travel_mm",
-    "flange_rotation_deg",
-    "motion_time_s",
-    "corrections_skipped",
-    "taken_again",
-    "merged",
-    "nudges",
-    "retreats",
+    *("scans", "half_steps", "corrections_skipped", "taken_again", "merged", "nudges", "retreats"),
+    *("flange_travel_mm", "flange_rotation_deg", "motion_time_s"),
 )
 """Numbers of a stitched groove that are sums over its stations."""
 
@@ -297,7 +289,7 @@ class StationPlacement:
     Parameters
     ----------
     name, source : str
-        Which, and its run directory, seen from that of the stitched run.
+        Which, and its run directory, seen from the stitched run's.
     position_mm, euler_zyx_deg : tuple of float
         Its base in frame j.
     sigma_position_mm, sigma_rotation_deg : tuple of float

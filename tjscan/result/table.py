@@ -130,15 +130,17 @@ class _SectionRow:
     def __init__(self, file: Path, line: int, head: Sequence[str], cells: Sequence[str]) -> None:
         self._file, self._line = file, line
         if len(cells) != len(head):
-            raise self.error(f"{len(cells)} cells are under {len(head)} columns: it was cut off?")
+            raise self.row_error(
+                f"{len(cells)} cells are under {len(head)} columns: it was cut off?"
+            )
         self._cells = {name: cell.strip() for name, cell in zip(head, cells, strict=True)}
 
-    def error(self, message: str, column: str | None = None) -> ConfigurationError:
+    def row_error(self, message: str, column: str | None = None) -> ConfigurationError:
         """An error that states its line and column."""
         place = f"line {self._line}" + ("" if column is None else f", column {column}")
         return ConfigurationError(message, file=self._file, key=place)
 
-    def value(self, field: SectionQuantity) -> Array | str:
+    def field_value(self, field: SectionQuantity) -> Array | str:
         """A field's text, or numbers in SI units and of its shape; NaN if they are left empty."""
         columns = field.column_names()
         if field.blank and not self._cells.get(columns[0]):
@@ -150,7 +152,7 @@ class _SectionRow:
 
     def _filled_cell(self, column: str) -> str:
         if not (text := self._cells.get(column, "")):
-            raise self.error("is empty", column)
+            raise self.row_error("is empty", column)
         return text
 
     def _bounded_number(self, column: str, field: SectionQuantity) -> float:
@@ -159,9 +161,9 @@ class _SectionRow:
         try:
             value = float(text)
         except ValueError:
-            raise self.error(f"{text!r} is no number", column) from None
+            raise self.row_error(f"{text!r} is no number", column) from None
         if not np.isfinite(value) or not field.bounds[0] <= value <= field.bounds[1]:
-            raise self.error(f"{text} can't be", column)
+            raise self.row_error(f"{text} can't be", column)
         return value
 
 
@@ -181,20 +183,19 @@ def _check_column_names(file: Path, line: int, head: Sequence[str]) -> None:
 
 def _section_of_row(row: _SectionRow) -> MeasuredSection:
     """The section of a line, its numbers checked."""
-    values = {field.name: row.value(field) for field in UNDERIVED_SECTION_FIELDS}
+    values = {field.name: row.field_value(field) for field in UNDERIVED_SECTION_FIELDS}
     index = float(values["index"])
     if index != int(index):
-        raise row.error(f"{index:g} is no whole number", "index")
+        raise row.row_error(f"{index:g} is no whole number", "index")
     R = np.asarray(values["axes"]).T
     if not np.allclose(R.T @ R, np.eye(3), atol=AXES_TOLERANCE) or np.linalg.det(R) < 0:
-        raise row.error(
-            "xg, yg and zg are no right-handed axes", FIELD_BY_NAME["axes"].column_names()[0]
-        )
+        column = FIELD_BY_NAME["axes"].column_names()[0]
+        raise row.row_error("xg, yg and zg are no right-handed axes", column)
     variances = np.asarray(values["covariances"])[:, VARIANCE_INDICES]
     if (bad := np.argwhere(variances < 0)).size:
         corner, axis = bad[0]
         column = FIELD_BY_NAME["covariances"].column_names()[6 * corner + VARIANCE_INDICES[axis]]
-        raise row.error("a variance is not negative", column)
+        raise row.row_error("a variance is not negative", column)
     return section_from_values(values)
 
 
@@ -252,9 +253,8 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
         np.tile(np.arange(1, 6), n)[:, None],
     )
     lines = [" ".join(f"{value:.10g}" for value in row) for row in np.hstack(columns)]
-    return (
-        _ply_head("ascii", provenance, 5 * n, PLY_SECTION_FIELDS) + "\n".join([*lines, ""]).encode()
-    )
+    head = _ply_head("ascii", provenance, 5 * n, PLY_SECTION_FIELDS)
+    return head + "\n".join([*lines, ""]).encode()
 
 
 def _ply_head(

@@ -21,7 +21,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import Box, Capsule, Cylinder, Solid, SolidShape
 
 NAME_OF_ALL_TOOL_SOLIDS: Final = "tool"
-"""Stands for every solid the arm carries where pairs are ignored."""
+"""Name for every solid the arm carries, in pairs that are ignored."""
 
 SCANNED_GROOVE_NAME: Final = "scanned groove"
 """What a refusal calls the surface that has been measured."""

@@ -193,7 +193,7 @@ class CollisionCheckedArm:
     """Any arm whose paths are checked for collisions, as a whole, before anything moves.
 
     If the direct path is blocked, the arm goes round: it draws the sensor back from where it
-    looks, moves, and comes forward again. Where a move in joint space is blocked even so, it ends
+    looks, moves, and comes forward again. If a move in joint space is blocked even so, it ends
     in the nearest other configuration that is reached on a clear path.
 
     Parameters
@@ -205,7 +205,7 @@ class CollisionCheckedArm:
     T_f_s : ndarray, shape (4, 4)
         The sensor on the flange: detours draw it back along its z axis.
     lifts : iterable of float, optional
-        How far, in metres, one after the other; none where detours are not wanted.
+        How far, in metres, one after the other; none if detours are not wanted.
 
     Notes
     -----

@@ -214,7 +214,7 @@ class Kinematics:
         return np.vstack([R_b_root @ J[:3], R_b_root @ J[3:]])
 
     def smallest_singular_value(self, q: Array) -> float:
-        """Smallest singular value of the Jacobian: 0 where the flange loses a direction.
+        """Smallest singular value of the Jacobian: 0 if the flange loses a direction.
 
         It is the one of `jacobian` in metres and radians: the slowest speed of the flange, in
         m/s or rad/s, that joint speeds of norm 1 rad/s can give.

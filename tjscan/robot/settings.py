@@ -78,7 +78,7 @@ class ArmErrorSettings(PlacementTolerance):
     Parameters
     ----------
     seed : int, optional
-        Which arm of the kind it is; the simulation's seed where left out.
+        Which arm of the kind it is; the simulation's seed if left out.
     eccentricity : float
         Standard deviation of the amplitude of each joint's error once a turn, radians.
     backlash : float
@@ -112,7 +112,7 @@ class ArmSimulationSettings(SettingsTable):
     realtime : bool
         Whether moves take their time.
     errors : ArmErrorSettings, optional
-        How the true arm differs from what its controller knows; not at all where left out.
+        How the true arm differs from what its controller knows; not at all if left out.
     """
 
     home: JointAngles

@@ -22,7 +22,7 @@ from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
 from tjscan.robot.settings import ArmErrorSettings
 
 ARM_ERRORS_RANDOM_STREAM: Final = 3
-"""Keeps the random numbers of an arm's make apart from those of its moves."""
+"""Keeps the random numbers of an arm's make apart from its moves' ones."""
 
 
 @array_dataclass

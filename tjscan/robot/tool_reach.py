@@ -115,7 +115,7 @@ class ToolConfigurations:
         Returns
         -------
         tuple of (int, int)
-            First and last place, both included, none within another. Where the line closes, a last
+            First and last place, both included, none within another. If the line closes, a last
             place may be beyond the number of places, up to two turns on.
         """
         m, found = len(self.can), list[tuple[int, int]]()

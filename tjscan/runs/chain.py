@@ -24,6 +24,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.tubes.fit import ArmRepeatability
+from tjscan.recording.header import flatten_to_dotted_keys
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
@@ -32,7 +33,6 @@ from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.runs.stations.stitch import stitched_profile_points
 from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove
-from tjscan.study.file import flatten_to_dotted_keys
 
 TABLES_SHARED_BY_JOBS: Final = ("arm.", "laser.", "simulation.")
 """Tables that both jobs have in common: they are of one cell."""
@@ -74,34 +74,13 @@ class ChainFile(StrictFileModel):
     both: dict[str, Any] = Field(default_factory=dict)
     calibration: dict[str, Any] = Field(default_factory=dict)
 
-
-@dataclass(frozen=True, slots=True)
-class JobChain:
-    """A chain, ready to run.
-
-    Parameters
-    ----------
-    calibrate, scan : Path
-        The jobs.
-    repeatability : ArmRepeatability
-        What arm and laser err by from view to view.
-    both, calibration : dict
-        Dotted keys and their values, of both jobs and of the one that calibrates.
-    """
-
-    calibrate: Path
-    scan: Path
-    repeatability: ArmRepeatability
-    both: dict[str, Any]
-    calibration: dict[str, Any]
-
-    def with_shared_keys(self, keys: dict[str, Any]) -> JobChain:
-        """Return the same chain with other values of some keys of both jobs."""
-        return replace(self, both=self.both | keys)
+    def with_shared_keys(self, keys: dict[str, Any]) -> ChainFile:
+        """Return the same chain with other values of some dotted keys of both jobs."""
+        return self.model_copy(update={"both": self.both | keys})
 
 
-def read_chain(file: Path) -> JobChain:
-    """Read a chain's file.
+def read_chain(file: Path) -> ChainFile:
+    """Read a chain's file: its jobs as paths from here, its keys dotted.
 
     Raises
     ------
@@ -118,14 +97,9 @@ def read_chain(file: Path) -> JobChain:
                 file=file,
                 key=f"both.{key}",
             )
-    folder = file.parent
-    return JobChain(
-        folder / read.calibrate,
-        folder / read.scan,
-        ArmRepeatability(read.stitch.repeatability, read.stitch.angular_repeatability),
-        both,
-        flatten_to_dotted_keys(read.calibration),
-    )
+    jobs = {name: str(file.parent / getattr(read, name)) for name in ("calibrate", "scan")}
+    calibration = flatten_to_dotted_keys(read.calibration)
+    return read.model_copy(update={**jobs, "both": both, "calibration": calibration})
 
 
 CALIBRATION_RUN_FOLDER: Final = "calibrate"
@@ -183,12 +157,12 @@ class ChainOutcome:
         return float(d @ np.linalg.solve(self.mount_covariance, d) / 6)
 
 
-def run_chain(chain: JobChain, directory: Path, *, arm: bool) -> ChainOutcome:
+def run_chain(chain: ChainFile, directory: Path, *, arm: bool) -> ChainOutcome:
     """Calibrate, scan from all stations, stitch and compare.
 
     Parameters
     ----------
-    chain : MeasurementChain
+    chain : ChainFile
         What to run; all of it simulated.
     directory : Path
         Gets the calibration's run directory, `CALIBRATION_RUN_FOLDER`.
@@ -201,21 +175,21 @@ def run_chain(chain: JobChain, directory: Path, *, arm: bool) -> ChainOutcome:
         As calibration, scan and stitching do.
     """
     out, operator = directory / CALIBRATION_RUN_FOLDER, DefaultAnswerOperator()
-    job = read_calibration_job(chain.calibrate, chain.both | chain.calibration)
-    saved = start_calibration(job, chain.calibrate, out, operator, arm=arm)
+    calibrate, scan = Path(chain.calibrate), Path(chain.scan)
+    job = read_calibration_job(calibrate, chain.both | chain.calibration)
+    saved = start_calibration(job, calibrate, out, operator, arm=arm)
     truth = None if job.simulation is None else job.simulation.T_f_s_mm
     if truth is None:
-        raise ConfigurationError(
-            "a chain compares with the truth: it needs it",
-            file=chain.calibrate,
-            key="simulation.T_f_s_mm",
-        )
+        reason = "a chain compares with the truth: it needs it"
+        raise ConfigurationError(reason, file=calibrate, key="simulation.T_f_s_mm")
     keys = chain.both | {"calibration.file": str(saved.file.absolute())}
-    whole = ScanContext(read_scan_job(chain.scan, keys), chain.scan)
+    whole = ScanContext(read_scan_job(scan, keys), scan)
     if (joint := whole.joint) is None:
-        raise ConfigurationError("a chain compares with the joint", file=chain.scan, key="joint")
+        raise ConfigurationError("a chain compares with the joint", file=scan, key="joint")
     stations = [_scan_from_station(whole.at_station(name)) for name in whole.job.station_names]
-    stitched = StitchedGroove(stations, StitchSettings(repeatability=chain.repeatability))
+    errors = chain.stitch
+    repeatability = ArmRepeatability(errors.repeatability, errors.angular_repeatability)
+    stitched = StitchedGroove(stations, StitchSettings(repeatability=repeatability))
     mesh = build_joint_mesh(joint)
     surface = MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp))
     seen = stitched_profile_points(stitched)
@@ -252,22 +226,20 @@ def mount_error_in_words(outcome: ChainOutcome) -> str:
     return f"{position:.3f} mm, {turn:.3f}°"
 
 
+def _simulation_keys(table: str, *keys: str) -> tuple[str, ...]:
+    return tuple(f"simulation.{table}.{key}" for key in keys)
+
+
 KEYS_OF_ERROR_SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
-    "arm: zeros, lengths, twists": (
-        "simulation.arm.errors.offset_deg",
-        "simulation.arm.errors.length_mm",
-        "simulation.arm.errors.twist_deg",
+    "arm: zeros, lengths, twists": _simulation_keys(
+        "arm.errors", "offset_deg", "length_mm", "twist_deg"
     ),
-    "arm: gears": ("simulation.arm.errors.eccentricity_deg", "simulation.arm.errors.backlash_deg"),
-    "arm: warmth": ("simulation.arm.errors.growth",),
-    "arm: repeatability": ("simulation.arm.repeatability_mm", "simulation.arm.repeatability_deg"),
-    "laser: scale, tilt, lens": ("simulation.laser.linearity_mm",),
-    "laser: noise, bias, outliers": (
-        "simulation.laser.noise_mm",
-        "simulation.laser.bias_mm",
-        "simulation.laser.ghosts",
-        "simulation.laser.flyers",
-        "simulation.laser.missing",
+    "arm: gears": _simulation_keys("arm.errors", "eccentricity_deg", "backlash_deg"),
+    "arm: warmth": _simulation_keys("arm.errors", "growth"),
+    "arm: repeatability": _simulation_keys("arm", "repeatability_mm", "repeatability_deg"),
+    "laser: scale, tilt, lens": _simulation_keys("laser", "linearity_mm"),
+    "laser: noise, bias, outliers": _simulation_keys(
+        "laser", "noise_mm", "bias_mm", "ghosts", "flyers", "missing"
     ),
 }
 """Sources of error, and the keys that switch each of them off if they are zero."""
@@ -299,13 +271,18 @@ class ErrorSourceRow:
 
 
 def run_error_sources(
-    chain: JobChain, directory: Path, *, arm: bool, begin: Callable[[str], None], alone: bool = True
+    chain: ChainFile,
+    directory: Path,
+    *,
+    arm: bool,
+    begin: Callable[[str], None],
+    alone: bool = True,
 ) -> Iterator[ErrorSourceRow]:
     """Run a chain with all its errors, then with each source alone, then with none.
 
     Parameters
     ----------
-    chain : MeasurementChain
+    chain : ChainFile
         What to run.
     directory : Path
         Gets a directory for each.

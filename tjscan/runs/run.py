@@ -78,7 +78,7 @@ class JobContext(Generic[T]):
     job : CellJob, CrawlJob or TowJob
         The job.
     job_file : Path
-        Where it was read from; the files that it names are sought from there.
+        The file that it was read from; the files that it names are sought from there.
     journal : Journal
         Receives everything, once it is on disk.
     finished : callable

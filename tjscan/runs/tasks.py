@@ -26,7 +26,7 @@ class Task:
         Of the task.
     room : str
         Room of `tjscan.runs` that has its chapter in the report of a scan, a `ChapterWriter`, and
-        name of the module of `tjscan.runs.live` that has its `ShowReader`.
+        name of the module of `tjscan.runs.live` that has its `ReplayReader`.
     recording : str
         Kind of its recording, as `tjscan.recording.parts.recording_files` has it.
     page : str, optional
@@ -94,7 +94,7 @@ def read_recorded_show(directory: Path) -> RecordedShow:
     """
     for task in recorded_tasks(directory):
         show, entries = task.load("show")(directory)
-        if not (steps := tuple(map(show.step, entries))):
+        if not (steps := tuple(map(show.step_of_entry, entries))):
             raise ConfigurationError("nothing was recorded in it yet", file=directory)
         return RecordedShow(show.setting, steps)
     raise ConfigurationError(

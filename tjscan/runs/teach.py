@@ -61,7 +61,7 @@ def teach_pose(
     job : ScanJob
         The job as it was read, with keys replaced or not; of one station, if it has any.
     job_file : Path
-        Where it was read from, and what is changed.
+        The file that it was read from, and what is changed.
     which : str
         Which of the two start poses it is.
     lead : sequence of float, shape (3,), optional

@@ -100,7 +100,7 @@ VIEW_DEVIATION_SIGMAS: Final = 2.0
 class CorrectionCriterion(units.SettingsTable):
     """Criterion, table [scan.skip], for when a view is good enough to skip the correction.
 
-    A correction changes how the sensor looks at a section, not where the section lies: its points
+    A correction changes how the sensor looks at a section, not where the section is: its points
     are points of the groove's edges from either view. The tolerances keep the view good.
 
     Parameters
@@ -252,7 +252,7 @@ class ScanPlan(units.SettingsTable):
 
     @property
     def correction_criterion(self) -> CorrectionCriterion | None:
-        """Criterion for skipping corrections; None where each is made, as in the paper."""
+        """Criterion for skipping corrections; None if each is made, as in the paper."""
         enabled = self.criterion.enabled
         if enabled is None:
             enabled = self.prediction == SMOOTH_PREDICTION

@@ -223,7 +223,7 @@ def merge_repeated_profiles(profiles: Sequence[Profile]) -> Profile | None:
     Returns
     -------
     Profile or None
-        Means of the points that agree, with the time of the last profile; None where fewer than
+        Means of the points that agree, with the time of the last profile; None if fewer than
         `AGREEING_PROFILES` profiles differ.
     """
     distinct = list({profile.z_s.tobytes(): profile for profile in profiles}.values())

@@ -11,7 +11,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
@@ -40,12 +40,7 @@ recorded: it follows from the profile."""
 JOINTS_TOPIC: Final = Topic.of("/joints", JointStates)
 SCENE_TOPIC: Final = Topic.of("/scene", SceneUpdate)
 
-TOPICS_READ: Final[tuple[Topic[Any], ...]] = (
-    VIEW_TOPIC,
-    foxglove.PROFILE_TOPIC,
-    SECTION_TOPIC,
-    LOG_TOPIC,
-)
+TOPICS_READ: Final = (VIEW_TOPIC, foxglove.PROFILE_TOPIC, SECTION_TOPIC, LOG_TOPIC)
 """What is read again; the rest is for viewers."""
 
 SCAN_TOPICS: Final = (*TOPICS_READ, foxglove.TRANSFORMS_TOPIC, JOINTS_TOPIC, SCENE_TOPIC)

@@ -44,7 +44,7 @@ poses are out of reach."""
 
 TACK_SKIP_LENGTHS: Final = (0.03, 0.06)
 """Metres that are tried after that, where they are more than a step: tack welds are 20 to 50 mm
-long, and what hides the groove may lie all over one."""
+long, and what hides the groove may be all over one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +220,7 @@ def fallback_set_points(
 
     Notes
     -----
-    Where a correction shows nothing, the prediction view did show something: half of the
+    If a correction shows nothing, the prediction view did show something: half of the
     correction is made, then none of it. A prediction that was refused has no others.
     """
     if (predicted := step.predicted) is not None:

@@ -31,7 +31,6 @@ from tjscan.scanning.section import (
     Sections,
     SetPoint,
     SetPointPredictor,
-    StepLengthRule,
     StepRequest,
     Substep,
 )
@@ -52,9 +51,7 @@ class Scanner:
     journal : Journal
         Receives everything at once.
     predictor : SetPointPredictor, optional
-        Predicts where the next section lies; the plan's if left out.
-    step_rule : StepLengthRule, optional
-        Chooses the length of each step; the plan's if left out.
+        Predicts where the next section is; the plan's if left out.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
     """
@@ -65,13 +62,12 @@ class Scanner:
         plan: ScanPlan,
         journal: Journal,
         predictor: SetPointPredictor | None = None,
-        step_rule: StepLengthRule | None = None,
         stop: StopRequest | None = None,
     ) -> None:
         self._setup, self._plan = setup, plan
         self._predict = predictor or predictor_for_plan(plan)
         adaptive = None if plan.adaptive is None else adaptive_step_rule(plan.adaptive)
-        self._step_length = step_rule or adaptive or (lambda sections: plan.step)
+        self._step_length = adaptive or (lambda sections: plan.step)
         self._stop = stop or StopRequest()
         self._log = ScanResultsJournal(journal)
         self._taker = ProfileTaker(setup, self._log, self._stop)
@@ -105,7 +101,7 @@ class Scanner:
         return self._scan_until_done()
 
     def resume(self, done: RecordedScan, sections: Sections) -> ScanResult:
-        """Go back to the last section of an interrupted scan, check that it lies there, and go on.
+        """Go back to the last section of an interrupted scan, check that it is there, and go on.
 
         Parameters
         ----------
@@ -327,7 +323,7 @@ class Scanner:
     ) -> ScannedSection:
         """Read the groove in a view and check that it fits the step, if there is one.
 
-        Without T_s_t frame t lies where the plan wants it for this groove.
+        Without T_s_t frame t is where the plan wants it for this groove.
 
         Raises
         ------

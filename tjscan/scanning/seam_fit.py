@@ -43,7 +43,7 @@ class RecentSections:
     Parameters
     ----------
     sections : sequence of ScannedSection
-        Two or more, of which the last `MOST_RECENT_SECTIONS` count.
+        Two or more; the last `MOST_RECENT_SECTIONS` count.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class RecentSections:
         Distances of p2 and p4 from the origin along these tangents (metres), groove angle
         (radians): what is left of a section once both tangents are known.
     sigmas : ndarray, shape (6, n)
-        Standard deviations of where p2, p4 and p1, p5 lie across their walls (metres), and of
+        Standard deviations of where p2, p4 and p1, p5 are across their walls (metres), and of
         the directions of both tangents (radians), the arm's repeatability included.
     shape_sigmas : ndarray, shape (n, 3)
         Of `shape`.
@@ -96,7 +96,7 @@ class RecentSections:
         lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
         # The origin is found along a tangent by both: their noise over the distance between them.
         reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + ARM_REPEATABILITY**2
-        # A corner that is not seen lies somewhere along its tangent.
+        # A corner that is not seen is somewhere along its tangent.
         in_plane = tangents_s[..., [0, 2]]
         along = np.einsum("nki,nkij,nkj->nk", in_plane, corners, in_plane)
         absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
@@ -118,7 +118,7 @@ AXES_LEAN_SIGMA: Final = radians(25)
 AXES_OFFSET_SIGMA: Final = 0.05
 """How far the axes pass each other, as a share of the brace's radius, standard deviation."""
 WALL_SHIFT_SIGMA: Final = 3e-3
-"""Metres, standard deviation of where a wall lies beside p2 or p4 as read."""
+"""Metres, standard deviation of where a wall is beside p2 or p4 as read."""
 WALL_TILT_SIGMA: Final = radians(30)
 """Of its direction beside what the last two sections show, and of the brace's axis beside the
 laser plane."""

@@ -153,7 +153,7 @@ class StepRequest:
         """Unit vector of the step, shape (3,).
 
         It starts from frame t or from the groove, whichever fits its length better: of a section
-        that was taught, frame t lies beside the groove.
+        that was taught, frame t is beside the groove.
         """
         steps = self.p_b_ahead - np.stack((self.last.T_b_t[:3, 3], self.groove_origin_b))
         lengths = np.linalg.norm(steps, axis=1)

@@ -98,7 +98,7 @@ ROOT_WIDENING_LENGTH: Final = 0.02
 """Metres of groove over which a root may go on widening: round a joint it goes to and fro."""
 
 SECTION_STEPS_AHEAD_BOUNDS: Final = (0.3, 2.0)
-"""Steps that a section lies ahead of the last one, at least and at most."""
+"""Steps that a section is ahead of the last one, at least and at most."""
 
 MOST_SECTION_STEPS_ASIDE: Final = 1.0
 """Steps that it is aside of the end of the step, at most."""
@@ -200,7 +200,7 @@ def root_is_known(groove: GrooveSection) -> bool:
 
 
 def name_tack_of_section(found: ScannedSection, before: Sections) -> ScannedSection:
-    """Name a tack weld where weld metal lies higher in the root than before it.
+    """Name a tack weld where weld metal is higher in the root than before it.
 
     One profile shows a convex face in the root; whether that is the root bead or a tack over it
     shows the root that was seen last: no groove widens and grows shallower so fast.
@@ -256,7 +256,7 @@ def _implausible_reading(evidence: str) -> GrooveNotFound:
 
 
 def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> None:
-    """Refuse a section that does not lie about a step ahead of the last one, as it was meant.
+    """Refuse a section that is not about a step ahead of the last one, as it was meant.
 
     Were it accepted, such a section would turn the next set-point round and lead the arm astray.
 
@@ -312,13 +312,13 @@ def check_section_orientation(groove: GrooveSection) -> None:
 
 
 def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:
-    """Refuse a section whose own measures can't follow those of the last one.
+    """Refuse a section whose own measures can't follow the last one's.
 
     Parameters
     ----------
     found : ScannedSection
-        What was read, the laser plane turned as for the last section: measures of a plane that
-        lies otherwise are other measures.
+        What was read, the laser plane turned as for the last section: in another plane the
+        measures are others.
     step : StepRequest
         The step that was made.
 
@@ -404,12 +404,8 @@ def _compare_measures(found: ScannedSection, step: StepRequest) -> tuple[Array, 
     of_last, of_now = (np.diag(groove.measure_covariance)[:3] for groove in (last, now))
     noise = LARGEST_CHANCE_SIGMAS * np.sqrt(of_last + of_now)
     before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
-    allowed = noise + factor * np.array(
-        (
-            LARGEST_GROOVE_ANGLE_CHANGE[0] + LARGEST_GROOVE_ANGLE_CHANGE[1] * step.length,
-            largest_root_width_change(last, step.length),
-            BEAD_HEIGHT_ALLOWANCE
-            + (LARGEST_DEPTH_CHANGE[0] + LARGEST_DEPTH_CHANGE[1] * step.length) * before[2],
-        )
-    )
+    changes = LARGEST_GROOVE_ANGLE_CHANGE, LARGEST_DEPTH_CHANGE
+    angle, depth_share = (least + per_metre * step.length for least, per_metre in changes)
+    root, depth = largest_root_width_change(last, step.length), depth_share * before[2]
+    allowed = noise + factor * np.array((angle, root, BEAD_HEIGHT_ALLOWANCE + depth))
     return before, after, np.asarray(allowed)

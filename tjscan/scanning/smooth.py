@@ -21,7 +21,7 @@ _DIFFERENCE_STEP: Final = 1e-6
 
 
 class ExpectedSection:
-    """Model of the next section, with which the predictor solves for where it will lie.
+    """Model of the next section, with which the predictor solves for its place.
 
     A section is given by its origin in b (metres) and the angles of wall and leg in the laser
     plane (radians), shape (5,).
@@ -202,14 +202,12 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
             seam = seam_fit.fit_tubes_to_sections(track)
             ahead = ExpectedSection(track, seam, last.T_b_g, step)
             guess = ahead.initial_section(R_b_now)
-            section, ideal = _solve_section_and_pose(
-                ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0)
-            )
+            now = R_b_now, R_b_now, (0.0, 0.0)
+            section, ideal = _solve_section_and_pose(ahead, plan, guess, *now)
             covariance = ahead.covariance(section, _sensor_rotation(ideal))
             slack = _rotation_tolerance_left(plan, covariance, track, step)
-            _, lagging = _solve_section_and_pose(
-                ahead, plan, section, _sensor_rotation(ideal), R_b_now, slack
-            )
+            later = _sensor_rotation(ideal), R_b_now, slack
+            _, lagging = _solve_section_and_pose(ahead, plan, section, *later)
             to = replace(lagging, covariance=covariance, straight=False)
             check_set_point(to, StepRequest(last, lagging.T_b_t[:3, 3], step), plan)
         except (TubesNotFound, SetPointRefused, np.linalg.LinAlgError):

@@ -1,4 +1,4 @@
-"""Sections in the joint's frame with all of their uncertainty, and those of one place made one."""
+"""Sections in the joint's frame with all of their uncertainty; those at one place are made one."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class FusedSection:
     section : MeasuredSection
         In frame j.
     shares : tuple of SectionShare
-        Of the sections that it is made of, by their numbers among those of all stations.
+        Of the sections that it is made of, by their numbers among all stations' sections.
     """
 
     section: MeasuredSection
@@ -107,7 +107,7 @@ class FusedSection:
 def fuse_sections(
     stations: Sequence[Sequence[MeasuredSection]], shape: TubeDimensions
 ) -> tuple[FusedSection, ...]:
-    """Fuse the sections of all stations by azimuth; those of one place become one.
+    """Fuse the sections of all stations by azimuth; sections of one place become one.
 
     Parameters
     ----------

@@ -154,7 +154,7 @@ def spanning_tree_poses(
     Returns
     -------
     T : ndarray, shape (count, 4, 4)
-        Maps each station's own frame j into that of the first.
+        Maps each station's own frame j into the first one's.
     closing : list of StationRegistration
         Those that close a loop, the surest first; how far they are from `T` is the gap before
         closing.

@@ -50,9 +50,8 @@ def _draw_arcs(axes: Any, draft: StitchingDraft) -> None:
         arc, radius, colour = arc_of_azimuths(azimuths), 1 + RING_SPACING * k, _station_colour(k)
         turn = np.linspace(arc.start, arc.end, 200)
         axes.plot(turn, np.full(200, radius), color=colour, linewidth=1.5, label=name)
-        axes.plot(
-            azimuths, np.full(len(azimuths), radius), ".", color=_station_colour(k), markersize=5
-        )
+        on_ring = np.full(len(azimuths), radius)
+        axes.plot(azimuths, on_ring, ".", color=colour, markersize=5)
     axes.set_rlim(0, 1.6)
     axes.set_yticks([])
     axes.legend(loc="center", frameon=False)

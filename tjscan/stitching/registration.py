@@ -144,7 +144,7 @@ def align_second_to_first(
     Returns
     -------
     StationRegistration
-        If the views leave a direction free, one whose covariance is that of no knowledge.
+        If the views leave a direction free, one whose covariance means no knowledge.
     """
     views, of_second = _views_near_overlap(overlap, first, second)
     azimuth = overlap.arc.offset_from_middle(views.azimuth)

@@ -217,7 +217,7 @@ def place_stations_with_out_of_round(
     """Place stations, and find how far tubes must be out of round for all to agree.
 
     A station can't see that the half of a tube before it is not round: it finds frame j a little
-    elsewhere. Overlaps are not affected. Where the two disagree, tubes weigh less.
+    elsewhere. Overlaps are not affected. If the two disagree, tubes weigh less.
 
     Parameters
     ----------

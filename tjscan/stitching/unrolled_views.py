@@ -149,7 +149,7 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
     if (count < FEWEST_POINTS).any():
         return np.empty((0, 3)), np.empty(0)
     curve = _side_curve(s, d, float(length))
-    # Averaged along the curve, not across it: the mean of a bent line lies beside it.
+    # Averaged along the curve, not across it: the mean of a bent line is beside it.
     at = np.bincount(share, s, NODES_PER_SIDE) / count
     height = curve(at) + np.bincount(share, d - curve(s), NODES_PER_SIDE) / count
     noise = max(float(np.std(d - curve(s))), LEAST_POINT_SIGMA)
@@ -168,7 +168,7 @@ TILT_LEVER: Final = 0.02
 """Metres along a wall over which its tilt is given as an offset."""
 
 CORNER_VALUE_COUNT: Final = 6
-"""The first values are those of p2, p3 and p4."""
+"""The first values are of p2, p3 and p4."""
 
 WIDEST_LEG_SHARE: Final = 0.999
 """Share of the leg's radius beyond which nothing is over the leg."""
@@ -229,7 +229,7 @@ class UnrolledViews:
         return UnrolledViews(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def joined_with(self, other: UnrolledViews) -> UnrolledViews:
-        """These views together with those of another station."""
+        """These views together with another station's."""
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
         return UnrolledViews(*(np.concatenate(pair) for pair in pairs))
 

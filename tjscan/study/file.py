@@ -12,6 +12,7 @@ from pydantic import Field
 
 from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
+from tjscan.recording.header import flatten_to_dotted_keys
 from tjscan.study.trial import BackendOfTask, Trial, Value, canonical_json
 
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
@@ -89,24 +90,6 @@ def read_study_file(file: Path, backend_of: BackendOfTask) -> StudyFile:
     return study
 
 
-def flatten_to_dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Flatten nested tables: ``{"scan": {"step_mm": 1}}`` becomes ``{"scan.step_mm": 1}``.
-
-    Parameters
-    ----------
-    table : mapping
-        As TOML gives it.
-    prefix : str
-        Put before every key.
-    """
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        name = f"{prefix}{key}"
-        is_table = isinstance(value, Mapping)
-        flat |= flatten_to_dotted_keys(value, f"{name}.") if is_table else {name: value}
-    return flat
-
-
 def _swept_values(key: str, values: Any) -> list[Any]:
     if not isinstance(values, list) or not values:
         raise ConfigurationError(f"is swept by a list of values (found {values!r})", key=key)
@@ -135,7 +118,7 @@ def trials_of_study(
     study : StudyFile
         The study.
     study_file : Path
-        Where it was read from; its jobs are sought from there.
+        The file that it was read from; its jobs are sought from there.
     backend_of : callable
         Gives the backend of the study's task.
 

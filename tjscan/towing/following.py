@@ -76,7 +76,7 @@ class PoseFollower:
         share = min(1.0, self._top_speed / speed if speed else 1.0)
         turn = float(np.clip(asked[2], -self._top_turn, self._top_turn))
         if share == 1.0 and turn == asked[2]:
-            self._sum = sums  # where the vehicle is at its limit the sum would run away
+            self._sum = sums  # if the vehicle is at its limit the sum would run away
         velocity = np.array((share * asked[0], share * asked[1], turn))
         return twist_from_velocity(velocity, pose[2] + turn * period / 2)
 

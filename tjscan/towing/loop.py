@@ -140,7 +140,7 @@ class CableTow:
         self._standing = StandstillWatch(setting.cable, team, record_event)
         self._grip = GripWatch(count, setting.vehicle_force)
         self._patience = WaitingPatience(setting.following.patience, record_event)
-        self._along = self._stood = self._due = self._began = 0.0
+        self._along = self._elapsed = self._due = self._began = 0.0
         self._last: TowingPlan | None = None
         self._targets: Array | None = None
         self._asked: list[Twist] = [AT_REST] * count
@@ -148,7 +148,7 @@ class CableTow:
         self._measured: Array = np.full((count, 3), np.nan)
         self._shapeless = self._blocked = self._strayed = False
 
-    def run(self, along: float = 0.0, last: TowingPlan | None = None, stood: float = 0.0) -> None:
+    def run(self, along: float = 0.0, last: TowingPlan | None = None, elapsed: float = 0.0) -> None:
         """Tow until the seam is welded.
 
         Parameters
@@ -157,7 +157,7 @@ class CableTow:
             Where along the seam it goes on, metres.
         last : TowingPlan, optional
             The shape that the cable has at the beginning, or was sent to before.
-        stood : float, optional
+        elapsed : float, optional
             Seconds for which a welder that stays in one place has welded already.
 
         Raises
@@ -168,7 +168,7 @@ class CableTow:
             The same, if a vehicle or the link to it is to blame.
         """
         self._along, self._began, self._last = along, host.process_time(), last
-        self._stood = stood
+        self._elapsed = elapsed
         with self._stopping_vehicles_at_end():
             self._due = self._team.time
             estimate = self._wait_for_poses()
@@ -181,7 +181,7 @@ class CableTow:
     @property
     def _is_finished(self) -> bool:
         seam = self._setting.seam
-        return self._along >= seam.length if seam.length else self._stood >= seam.seconds
+        return self._along >= seam.length if seam.length else self._elapsed >= seam.seconds
 
     @contextmanager
     def _stopping_vehicles_at_end(self) -> Iterator[None]:
@@ -286,7 +286,7 @@ class CableTow:
             )
         )
         self._along, self._targets = along, targets
-        self._stood += PLAN_PERIOD if pace else 0.0
+        self._elapsed += PLAN_PERIOD if pace else 0.0
         if not plan.halt:
             self._last = plan
 

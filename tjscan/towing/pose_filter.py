@@ -42,7 +42,7 @@ FEWEST_POSES_FOR_SCATTER: Final = 30
 
 NOISY_SCATTER_RATIO: Final = 2.0
 """Scatter over what is stated from which on poses count as noisier, and their estimate as known
-worse by as much: that of 30 poses is wrong by a quarter (one standard deviation)."""
+worse by as much: from 30 poses it is wrong by a quarter (one standard deviation)."""
 
 NOISY_POSE_COUNT: Final = 40
 """Poses for which that must last: more than those that one scatter is found from."""
@@ -100,7 +100,7 @@ class VehiclePoseEstimate:
 
 
 class VehiclePoseFilter:
-    """An extended Kalman filter of one vehicle's pose, which drives where it heads.
+    """An extended Kalman filter of one vehicle's pose, which drives along its heading.
 
     Between measured poses the odometry goes on. A pose further off than the vehicle may have
     driven at top speed since the last one that was taken, and five standard deviations, is
@@ -108,7 +108,7 @@ class VehiclePoseFilter:
 
     Measured poses count for as much as they are stated to, and for less where they are seen to
     scatter more. How much is read off the second differences of measured poses less odometry: the
-    autocovariances of what is measured tell its noise from what drives the state (Mehra, On the
+    autocovariances of what is measured separate its noise from what drives the state (Mehra, On the
     identification of variances and adaptive Kalman filtering, 1970), and neither a push nor wheels
     that slip all the time add to the median of these differences.
 
@@ -377,7 +377,7 @@ class TeamPoseFilter:
 
     @property
     def unknown(self) -> tuple[int, ...]:
-        """Vehicles of which no pose came yet."""
+        """Vehicles without a pose yet."""
         return tuple(v for v, one in enumerate(self._filters) if not one.known)
 
     def update(

@@ -123,7 +123,7 @@ class WaitingPatience:
 
     def __init__(self, seconds: float, report: EventListener) -> None:
         self._seconds, self._report = seconds, report
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self._since = 0.0
 
     def update(self, now: float, waiting: WaitingReason | None, along: float) -> None:
@@ -146,15 +146,15 @@ class WaitingPatience:
             The same, if a vehicle or the link to it is to blame.
         """
         if waiting is None:
-            if self._said:
+            if self._reported:
                 self._report("goes on", f"after {now - self._since:.1f} s")
-            self._said.clear()
+            self._reported.clear()
             return
-        if not self._said:
+        if not self._reported:
             self._since = now
-        if (words := FIGURE_WITH_UNIT.sub("", waiting.why)) not in self._said:
+        if (words := FIGURE_WITH_UNIT.sub("", waiting.why)) not in self._reported:
             self._report("waits", waiting.why)
-            self._said.add(words)
+            self._reported.add(words)
         if now - self._since > self._seconds:
             sentence = (
                 f"{waiting.why}. The weld is halted {1e3 * along:.0f} mm along the seam; "

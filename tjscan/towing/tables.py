@@ -27,7 +27,7 @@ Path = Annotated[tuple[Point, ...], MinLen(1), MaxLen(1000)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CableSettings(SettingsTable):
-    """The table [cable]: the cable as a chain of links; defaults are those of the paper's table I.
+    """The table [cable]: the cable as a chain of links; defaults are from the paper's table I.
 
     Parameters
     ----------
@@ -118,17 +118,17 @@ class SeamSettings(SettingsTable):
     Parameters
     ----------
     points : tuple of points
-        A polyline, frame w, metres; with one point the welder stands there.
+        A polyline, frame w, metres; with one point the welder stays there.
     speed : float
         Of welding, m/s.
     heading : float or None
         Of the torch, and so of the cable's end, from x towards y of frame w, radians; None where
         it is the seam's direction.
     corner : float
-        Where the heading follows the seam, it turns over this length before and after each
+        If the heading follows the seam, it turns over this length before and after each
         corner, metres.
     seconds : float
-        For which the welder stands, where there is one point.
+        For which the welder stays, if there is one point.
     """
 
     points: Annotated[Path, MM]
@@ -146,16 +146,16 @@ class SeamSettings(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObstacleSettings(SettingsTable):
-    """A table of [[obstacles]]: a disc that stands, or goes along a path and stands at its end.
+    """A table of [[obstacles]]: a disc that is fixed, or goes along a path and stops at its end.
 
-    Where it is while it goes, the localisation says.
+    While it goes, the localisation reports where it is.
 
     Parameters
     ----------
     name : str
         For messages.
     points : tuple of points
-        Where it stands, or the path of its centre, frame w, metres.
+        Its fixed centre, or the path of its centre, frame w, metres.
     radius : float
         Of a disc, metres.
     speed : float

@@ -242,7 +242,7 @@ def aligned_budget(
     budget : UncertaintyBudget
         Of n sections, before.
     points : ndarray, shape (n, 5, 3)
-        p1 to p5, in the frame of the budget, metres; that of the joint if tubes are fitted.
+        p1 to p5, in the frame of the budget, metres; the joint's if tubes are fitted.
     normals : ndarray, shape (n, 2, 3)
         Of the brace's wall and of the leg, at each section.
     by_tubes : bool
@@ -255,7 +255,7 @@ def aligned_budget(
     turned = np.cross(at, across)
     columns = [across, turned]
     if by_tubes:
-        # Radii, and how the leg lies beside and under the brace: offset along y, turn about it.
+        # Radii, and how the leg is beside and under the brace: offset along y, turn about it.
         on_leg = np.tile((0.0, 0.0, 1.0, 1.0), n)
         shift, turn = on_leg * across[:, 1], on_leg * turned[:, 1]
         columns.append(np.column_stack((1 - on_leg, on_leg, shift, turn)))
@@ -312,7 +312,7 @@ class BudgetRow:
 
 @dataclass(frozen=True, slots=True)
 class BudgetSummary:
-    """A budget in a few numbers: those of the middle fifth of all corners and measures.
+    """A budget in a few numbers, of the middle fifth of all corners and measures.
 
     Squares of the components add up to the square of what is combined.
 
@@ -359,9 +359,9 @@ def summarise_budget(
     left_out : sequence of str
         What is not in the budget.
     """
-    total = _typical_mask(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
+    total = _middle_quantiles_mask(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
     whole = np.diagonal(budget.measure_covariances, axis1=-2, axis2=-1)
-    typical = [_typical_mask(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
+    typical = [_middle_quantiles_mask(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
     combined = np.zeros(5)
     rows = []
     for one in budget.components:
@@ -379,8 +379,8 @@ def summarise_budget(
     )
 
 
-def _typical_mask(variances: Array, counted: Mask) -> Mask:
-    """Which of the variances that count lie in the middle; all that count if none is."""
+def _middle_quantiles_mask(variances: Array, counted: Mask) -> Mask:
+    """Which of the variances that count are in the middle; all that count if none is."""
     chosen = variances[counted] if counted.any() else variances
     low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")
     high = np.quantile(chosen, TYPICAL_QUANTILES[1], method="higher")

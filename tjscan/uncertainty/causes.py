@@ -249,7 +249,7 @@ def budget_of_causes(causes: Sequence[ViewCause], T_r_b: Array, count: int) -> U
     Parameters
     ----------
     causes : sequence of ViewCause
-        Of all views, those of the sections first.
+        Of all views, the sections' first.
     T_r_b : ndarray, shape (4, 4)
         The arm's base in that frame.
     count : int
@@ -335,7 +335,7 @@ def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCaus
             both = normals[[i - 1, i]]
             points[i] = np.linalg.lstsq(both, (offsets[i - 1, 1], offsets[i, 0]), rcond=1e-2)[0]
         lengths = np.linalg.norm(xz[[0, 4]] - xz[[1, 3]], axis=1)
-        # The normal lies clockwise of the tangent: moving along it turns a side clockwise.
+        # The normal is clockwise of the tangent: moving along it turns a side clockwise.
         turns = np.array((offsets[0, 0] - offsets[0, 1], offsets[3, 0] - offsets[3, 1])) / lengths
         return points[:, :, None], turns[:, None]
 

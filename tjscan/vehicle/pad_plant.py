@@ -49,7 +49,7 @@ _DIAGONAL_INDICES: Final = np.diag_indices(3)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PadSettings(SettingsTable):
-    """The table [simulation.vehicle.pads]: pads, friction, weight and how the surface lies.
+    """The table [simulation.vehicle.pads]: pads, friction, weight and the surface's inclination.
 
     Parameters
     ----------

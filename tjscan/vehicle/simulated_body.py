@@ -122,7 +122,7 @@ class DriveSettings(SettingsTable):
     Parameters
     ----------
     top_speed : float
-        Of a track, m/s: the 6 m/min of the paper. Where one would run faster, both are slowed by
+        Of a track, m/s: the 6 m/min of the paper. If one would run faster, both are slowed by
         the same share, so that the path's curvature stays.
     lag : float
         Time constant of the speed loop, seconds. Assumption.
@@ -141,7 +141,7 @@ class DriveSettings(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleSimulationSettings(SettingsTable):
-    """The table [simulation.vehicle]: where a simulated vehicle stands, and how it moves.
+    """The table [simulation.vehicle]: where a simulated vehicle begins, and how it moves.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class SimulatedBody:
     seed : int, optional
         Of all random numbers: the same seed and commands give the same states.
     pose_w : array_like, shape (3,), optional
-        Its first pose, if not that of the settings: x, y in metres and heading in radians.
+        Its first pose, if not the settings': x, y in metres and heading in radians.
     time : float, optional
         What its clock shows at first, seconds.
     """
@@ -235,7 +235,7 @@ class SimulatedBody:
         return drives.top_speed / drives.braking
 
     @property
-    def stands(self) -> bool:
+    def at_rest(self) -> bool:
         """Whether both tracks are at rest."""
         return not self._speeds.any()
 
@@ -251,7 +251,7 @@ class SimulatedBody:
         period : float, optional
             Seconds.
         grip : float, optional
-            Share of the tracks' motion that the body follows at most; less than 1 where they spin.
+            Share of the tracks' motion that the body follows at most; less than 1 if they spin.
         """
         if twist is None:
             most = self._settings.drives.braking * period

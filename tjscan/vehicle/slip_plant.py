@@ -1,7 +1,7 @@
 """Truth of a vehicle whose tracks slip by given ratios.
 
 Longitudinal slip, yaw efficiency, yaw drift, crab and an instantaneous centre of rotation that
-lies ahead in the direction of travel.
+is ahead in the direction of travel.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class TrackLoad:
     Parameters
     ----------
     pads : PadSettings
-        Friction, grip, weight, and how the surface lies.
+        Friction, grip, weight, and the surface's inclination.
     tracks : TrackGeometry
     """
 
@@ -85,11 +85,11 @@ class SlipSettings(SettingsTable):
     Parameters
     ----------
     ratio : float
-        p, 0 to 0.5: nothing slips where it is 0.
+        p, 0 to 0.5: nothing slips if it is 0.
     longitudinal : float, optional
         Share of the tracks' speed that is lost; p / 10.
     yaw_efficiency : float, optional
-        Mean of η, the turn rate over that of the encoders; 1 - p.
+        Mean of η, the turn rate over the encoders' one; 1 - p.
     yaw_variation : float, optional
         How far η swings along the path; p / 4.
     yaw_period : float, optional
@@ -98,7 +98,7 @@ class SlipSettings(SettingsTable):
         β, what the vehicle turns while it should drive straight, rad/m; 10 mrad/m where p > 0.
     crab : float, optional
         γ, sideways over forward speed, radians; p · 50 mrad. It is towards y of frame v however
-        the vehicle drives, for it is the weight that pulls: down lies to the right.
+        the vehicle drives, for it is the weight that pulls: down is to the right.
     turning_crab : float, optional
         c, what crab gains with the turn rate, metres. Nothing: the ratio leaves it out.
     icr_ahead : float, optional
@@ -133,7 +133,7 @@ class SlipPlant:
     seed : int or Generator, optional
         Of where along the path η begins to swing.
     load : TrackLoad, optional
-        What its motors have to turn the tracks with; no torques are known where left out.
+        What its motors have to turn the tracks with; no torques are known if left out.
     """
 
     def __init__(

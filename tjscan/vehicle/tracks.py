@@ -18,13 +18,13 @@ from tjscan.vehicle.vehicle import Twist
 class TrackGeometry(SettingsTable):
     """Sizes of a vehicle's two tracks, as equation (10) takes them.
 
-    Motor rates are those of the sprockets, behind the gears. The right motor is mounted mirrored:
-    where both turn the same way, the vehicle turns on the spot.
+    Motor rates are the sprockets', behind the gears. The right motor is mounted mirrored:
+    if both turn the same way, the vehicle turns on the spot.
 
     Parameters
     ----------
     sprocket_radius : float
-        From the sprocket's axis to the pads' faces, metres. Assumption: the paper does not say.
+        From the sprocket's axis to the pads' faces, metres. Assumption: the paper gives none.
     gauge : float
         Between the middles of the tracks, metres. Assumption, as above.
     """
@@ -57,7 +57,7 @@ class VehiclePlant(Protocol):
 
     @property
     def torques(self) -> tuple[float, ...]:
-        """Torque of the left and right motor at its sprocket, N m; empty where not modelled."""
+        """Torque of the left and right motor at its sprocket, N m; empty if not modelled."""
 
     def advance(self, left: float, right: float, period: float) -> None:
         """Let the left and right track run for a period in seconds.

@@ -14,7 +14,7 @@ STEP_MM: Final = 0.005
 """Millimetres per count: the step of the simulated laser."""
 
 X_OFFSET_MM: Final = -STEP_MM * 32_768
-"""x of raw number 0; z of raw number 0 is 0, which stands for a missing point."""
+"""x of raw number 0; z of raw number 0 is 0, which means a missing point."""
 
 INVALID_RAW: Final = 0
 

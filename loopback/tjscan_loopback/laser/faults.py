@@ -30,7 +30,7 @@ class LaserFaultOrder(StrEnum):
 
 
 DEFAULT_LOSS = 1.0
-"""Per cent of packets that are lost where a line says no number."""
+"""Per cent of packets that are lost if a line states no number."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """GVCP, GigE Vision's control protocol, on the wire: commands, acknowledgements, status codes.
 
 All numbers are big-endian. A command is 0x42, flags, its kind, the length of what follows, and a
-number that the acknowledgement repeats. The layout is that of open implementations (aravis,
+number that the acknowledgement repeats. The layout follows open implementations (aravis,
 Wireshark's dissector): the standard itself is licensed.
 """
 
@@ -36,7 +36,7 @@ class Command(IntEnum):
 
 
 class Status(IntEnum):
-    """What an acknowledgement says about its command, and a packet of the stream about itself."""
+    """What an acknowledgement states about its command, and a packet of the stream about itself."""
 
     SUCCESS = 0x0000
     NOT_IMPLEMENTED = 0x8001
@@ -70,7 +70,7 @@ class GvcpCommand:
 
 
 def parse_command(datagram: bytes) -> GvcpCommand | None:
-    """Parse a datagram; None where it is no command."""
+    """Parse a datagram; None if it is no command."""
     if len(datagram) < COMMAND_HEADER.size:
         return None
     key, flags, kind, length, number = COMMAND_HEADER.unpack_from(datagram)

@@ -82,7 +82,7 @@ def pack_block(block: StreamBlock, packet_size: int) -> list[bytes]:
     )
     data = block.data
     if block.chunks:
-        # Read from the end: behind its content stand the number and length of each chunk.
+        # Read from the end: behind its content are the number and length of each chunk.
         for number, content in ((IMAGE_CHUNK, b""), *block.chunks):
             data += content + CHUNK_FIELDS.pack(number, len(content or block.data))
     room = max(packet_size - HEADER_BYTES, 1)
@@ -102,5 +102,5 @@ def unavailable_packet(block: int, packet: int) -> bytes:
 
 
 def kind_of_packet(packet: bytes) -> int:
-    """Whether it is a leader, a trailer or data; 0 where it is none of these."""
+    """Whether it is a leader, a trailer or data; 0 if it is none of these."""
     return packet[4] if len(packet) >= PACKET_HEADER.size else 0

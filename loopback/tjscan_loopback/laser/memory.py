@@ -106,7 +106,7 @@ class Memory:
         self._registers[address : address + len(data)] = data
 
     def read(self, address: int, count: int) -> bytes | None:
-        """Bytes at an address; None where there are not as many."""
+        """Bytes at an address; None if there are not as many."""
         if 0 <= address <= REGISTER_BYTES - count:
             return bytes(self._registers[address : address + count])
         start = address - DESCRIPTION_ADDRESS

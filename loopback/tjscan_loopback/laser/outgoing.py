@@ -48,7 +48,7 @@ class OutgoingPackets:
 
     @property
     def next_due(self) -> float | None:
-        """When the next packet is due; None where there is none."""
+        """When the next packet is due; None if there is none."""
         return self._queue[0][0] if self._queue else None
 
     def clear(self) -> None:

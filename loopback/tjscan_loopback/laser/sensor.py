@@ -33,17 +33,17 @@ STALE_AGE: Final = 1.0
 """Seconds between the exposure of a stale profile and its trigger."""
 
 REBOOT_DURATION: Final = 0.5
-"""Seconds for which a sensor that restarts answers nobody."""
+"""Seconds for which a sensor that restarts answers no one."""
 
 _OTHER_CONTROLLER: Final = ("127.255.255.254", 1)
-"""Stands for another program that controls the sensor."""
+"""Address of another program that controls the sensor."""
 
 _DESCRIPTION_FAULTS: Final = (
     LaserFaultOrder.UNIT_PIXEL,
     LaserFaultOrder.MISSING_FEATURES,
     LaserFaultOrder.CLEAR,
 )
-"""Faults that change what the memory says."""
+"""Faults that change what the memory holds."""
 
 _REGISTER_FORMAT: Final = Struct(">I")
 _MONO8_CODE: Final = 0x01080001
@@ -65,7 +65,7 @@ class LoopbackSensor:
         Takes a profile, of as many points.
     begin : callable
         Is called whenever acquisition starts.
-    tell : callable
+    report_line : callable
         Receives a line when a program takes control or gives it back.
     """
 
@@ -74,7 +74,7 @@ class LoopbackSensor:
     columns: int
     expose: Callable[[], Profile]
     begin: Callable[[], None]
-    tell: Callable[[str], None]
+    report_line: Callable[[str], None]
     faults: dict[LaserFaultOrder, OrderedLaserFault] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class LoopbackSensor:
             self._memory = initial_memory(self.host, self.serial, self.columns, self.faults)
 
     def answer(self, datagram: bytes, client: Address, now: float) -> bytes | None:
-        """Answer a datagram on the control port; None where nothing is to be answered."""
+        """Answer a datagram on the control port; None if nothing is to be answered."""
         command = parse_command(datagram)
         if command is None or self._is_dead(now):
             return None
@@ -121,7 +121,7 @@ class LoopbackSensor:
         if self._controller not in (None, _OTHER_CONTROLLER):
             patience = 1e-3 * self._memory.get(registers.HEARTBEAT_TIMEOUT)
             if now - self._heard > patience:
-                self.tell("control lost: no heartbeat")
+                self.report_line("control lost: no heartbeat")
                 self._release()
         if self._runs_free and now >= self._next_exposure:
             (rate,) = unpack_from(">d", self._memory.read(features.FRAME_RATE, 8) or bytes(8))
@@ -135,7 +135,7 @@ class LoopbackSensor:
         return (host, port), [] if self._is_dead(now) or not port else due
 
     def seconds_to_next(self, now: float) -> float | None:
-        """Seconds until there is something to send; None where nothing is planned."""
+        """Seconds until there is something to send; None if nothing is planned."""
         next_due = self._packets.next_due
         times = [] if next_due is None else [next_due]
         if self._runs_free:
@@ -226,7 +226,7 @@ class LoopbackSensor:
     def _change_control(self, data: bytes, client: Address, now: float) -> None:
         wanted = bool(data[-1] & registers.CONTROL_BITS)
         if wanted and self._controller is None:
-            self.tell(f"control taken by {client[0]}:{client[1]}")
+            self.report_line(f"control taken by {client[0]}:{client[1]}")
             self._controller, self._heard = client, now
             self._memory.put(registers.CONTROL_PRIVILEGE, data)
         elif not wanted:
@@ -234,7 +234,7 @@ class LoopbackSensor:
 
     def _release(self) -> None:
         if self._controller is not None:
-            self.tell("control given back")
+            self.report_line("control given back")
         self._controller, self._acquiring = None, False
         self._packets.clear()
         self._memory.set(registers.CONTROL_PRIVILEGE, 0)
@@ -248,8 +248,8 @@ class LoopbackSensor:
         layout, rows = format_of(self._memory), rows_of(self._memory)
         try:
             profile = self.expose()
-        except TjscanError as error:  # the arm that carries it does not say where it stands
-            self.tell(f"no profile: {error}")
+        except TjscanError as error:  # the arm that carries it does not report its pose
+            self.report_line(f"no profile: {error}")
             return
         if LaserFaultOrder.ALL_INVALID in self.faults:
             nothing = np.full(len(profile), np.nan)

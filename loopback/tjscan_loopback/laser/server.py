@@ -27,7 +27,7 @@ LONGEST_DATAGRAM: Final = 65_536
 
 
 def run_laser_server(
-    sensor: LoopbackSensor, tell: Callable[[str], None], *, attached: bool
+    sensor: LoopbackSensor, report_line: Callable[[str], None], *, attached: bool
 ) -> None:
     """Serve until interrupted, or until an attached stdin ends; stdin's lines command faults.
 
@@ -49,7 +49,7 @@ def run_laser_server(
             selector.register(stack.enter_context(discovery), selectors.EVENT_READ)
         lines: SimpleQueue[str | None] = SimpleQueue()
         Thread(target=_listen, args=(lines,), daemon=True).start()
-        tell(f"ready {sensor.host}")
+        report_line(f"ready {sensor.host}")
         while True:
             planned = sensor.seconds_to_next(time.monotonic())
             wait = LOOK_PERIOD if planned is None else min(planned, LOOK_PERIOD)
@@ -62,7 +62,7 @@ def run_laser_server(
             while not lines.empty():
                 line = lines.get()
                 if line is not None:
-                    _obey(sensor, line, tell)
+                    _obey(sensor, line, report_line)
                 elif attached:
                     return
 
@@ -89,14 +89,14 @@ def _is_own_address(host: str) -> bool:
     return True
 
 
-def _obey(sensor: LoopbackSensor, line: str, tell: Callable[[str], None]) -> None:
+def _obey(sensor: LoopbackSensor, line: str, report_line: Callable[[str], None]) -> None:
     try:
         order = parse_laser_fault(line)
     except ConfigurationError as error:
-        tell(f"refused {error}")
+        report_line(f"refused {error}")
         return
     sensor.schedule_fault(order, time.monotonic())
-    tell(f"ordered {line.strip()}")
+    report_line(f"ordered {line.strip()}")
 
 
 def _listen(lines: SimpleQueue[str | None]) -> None:
@@ -122,7 +122,7 @@ def _control_socket(host: str) -> socket.socket:
 
 
 def _discovery_socket() -> socket.socket | None:
-    """Socket that hears the broadcasts of this machine, where it can be had."""
+    """Socket that hears the broadcasts of this machine, if it can be had."""
     heard = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         heard.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

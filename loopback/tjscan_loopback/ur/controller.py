@@ -31,7 +31,7 @@ UNLOCK_DELAY: Final = 5.0
 """Seconds on the controller's clock that a protective stop lasts at least."""
 
 LET_GO: Final = 10.0
-"""rad/s² with which an arm comes to rest that nobody commands any more."""
+"""rad/s² with which an arm comes to rest that is commanded no more."""
 
 END_INTERVAL: Final = 1e-6
 """Seconds at the end of a motion, from which the speed there is taken."""
@@ -70,7 +70,7 @@ class LoopbackController:
         Its ticks per second.
     fast : bool
         Whether motion runs faster than the wall's clock; its own clock runs with the motion.
-    tell : callable
+    report_line : callable
         Receives a line for each move and program.
     """
 
@@ -81,9 +81,9 @@ class LoopbackController:
         *,
         hz: float,
         fast: bool,
-        tell: Callable[[str], None],
+        report_line: Callable[[str], None],
     ) -> None:
-        self.kinematics, self.tell = kinematics, tell
+        self.kinematics, self.report_line = kinematics, report_line
         self.mode, self.safety, self.runtime = (
             RobotPower.RUNNING,
             SafetyState.NORMAL,
@@ -113,7 +113,7 @@ class LoopbackController:
         self._elapsed = self._left = 0.0
         self._is_let_go = False
         self._missing = False
-        self._programs = ControllerPrograms(self, tell)
+        self._programs = ControllerPrograms(self, report_line)
         self._orders: list[ScheduledFault] = []
         self._moves = 0
 
@@ -125,7 +125,7 @@ class LoopbackController:
         self.time += step
         self._wall += self.tick
         if self._wall - self._heard > self.patience and not self.deaf:
-            self.stop_program()  # the watchdog that the client has set: nobody writes any more
+            self.stop_program()  # the watchdog that the client has set: no one writes any more
         self.history.append(self.q)
         if self._motion is not None:
             self._advance(self._motion, step * self.speed_fraction)
@@ -222,7 +222,7 @@ class LoopbackController:
     def begin_motion(self, motion: Motion) -> None:
         """Begin a motion; what was left of the tick in which the last one ended counts for it."""
         self._moves += 1
-        self.tell(f"move {self._moves}")
+        self.report_line(f"move {self._moves}")
         self._take_over(motion, None, self._left)
         self.q = motion.joint_angles_at(self._elapsed)
 
@@ -231,11 +231,11 @@ class LoopbackController:
         self._take_over(DecelerationMotion(self.q, self.speed, duration), None)
 
     def drive(self, speeds: SpeedDrive) -> None:
-        """Let the joints turn with a speed that is asked anew in each tick, until told else."""
+        """Let the joints turn with a speed that each tick asks for, until another command."""
         self._take_over(None, speeds)
 
     def let_go(self) -> None:
-        """Nobody commands the arm any more: unless somebody does in this tick, it comes to rest."""
+        """End the commands to the arm: unless one comes in this tick, it comes to rest."""
         self._is_let_go = True
 
     def _take_over(
@@ -252,7 +252,7 @@ class LoopbackController:
     def protective_stop(self, reason: str = "") -> None:
         """Stop as the safety system does; the program pauses."""
         if reason:
-            self.tell(f"protective stop: {reason}")
+            self.report_line(f"protective stop: {reason}")
         self.safety, self._stopped_at = SafetyState.PROTECTIVE_STOP, self.time
         if self._programs.running:
             self.runtime = ProgramState.PAUSED

@@ -72,7 +72,7 @@ class DecelerationMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathMotion:
-    """A motion of the tool along a path: up to a speed, on with it, and down to that of its end.
+    """A motion of the tool along a path: up to a speed, on with it, and down to its end's speed.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class StretchedMotion:
 def joint_motion(
     kinematics: Kinematics, q: Array, goal: Array, speed: float, acceleration: float
 ) -> Motion:
-    """Motion of all joints in proportion; speed and acceleration are those of the leading axis."""
+    """Motion of all joints in proportion; the leading axis gives speed and acceleration."""
     pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_TURN_SPACING))
     waypoints = np.linspace(q, goal, pieces + 1)
     points_b = np.array([kinematics.forward(w)[:3, 3] for w in waypoints])
@@ -153,7 +153,7 @@ def path_motion(
     speeds: tuple[float, float, float],
     acceleration: float,
 ) -> Motion:
-    """Motion of the tool along a path, slower where a joint would exceed its limit.
+    """Motion of the tool along a path, slower if a joint would exceed its limit.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where a controller's arm stands, for what is simulated on its hand."""
+"""Pose of a controller's arm, for what is simulated on its hand."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def nominal_dh_parameters(model: str) -> DhParameters | None:
 
 
 def draw_calibration(nominal: DhParameters, seed: int) -> DhParameters:
-    """Draw the parameters of an arm of a kind; those of its last joint's twist stay as they are.
+    """Draw the parameters of an arm of a kind; the twist of its last joint stays as it is.
 
     Axes 2, 3 and 4 are nearly parallel, and a real controller states lengths d of metres along
     them; here they stay near the nominal ones.

@@ -20,12 +20,12 @@ class ControllerPrograms:
     ----------
     host : ScriptHost
         The controller that runs them.
-    tell : callable
+    report_line : callable
         Receives a line for each that starts, fails or stops.
     """
 
-    def __init__(self, host: ScriptHost, tell: Callable[[str], None]) -> None:
-        self._host, self._tell = host, tell
+    def __init__(self, host: ScriptHost, report_line: Callable[[str], None]) -> None:
+        self._host, self._report_line = host, report_line
         self._main: RunningProgram | None = None
         self._beside: list[RunningProgram] = []
 
@@ -42,7 +42,7 @@ class ControllerPrograms:
 
     def start(self, program: RunningProgram) -> None:
         """Let a program run that may move the arm; none does."""
-        self._tell("program started")
+        self._report_line("program started")
         self._main = program
 
     def run_tick(self) -> bool:
@@ -59,12 +59,12 @@ class ControllerPrograms:
         self._beside.clear()
         if self._main is not None:
             self._main.end()
-            self._tell("program stopped")
+            self._report_line("program stopped")
         self._main = None
 
     def _goes_on(self, program: RunningProgram) -> bool:
         try:
             return program.run_tick()
         except ScriptError as error:
-            self._tell(f"program failed: {error}")
+            self._report_line(f"program failed: {error}")
             return False

@@ -47,10 +47,10 @@ def run_loopback_server(
         kinematics = with_dh_parameters(kinematics, nominal, dh)
     q = np.radians(home_deg)
     possible = q.shape == kinematics.lower.shape and np.all(
-        (q >= kinematics.lower) & (q <= kinematics.upper)  # not where an angle is no number
+        (q >= kinematics.lower) & (q <= kinematics.upper)  # not if an angle is NaN
     )
     if not possible:
         raise ConfigurationError(f"{kinematics.name} can't be at {list(home_deg)}", key="home_deg")
     survive_background_terminal_read()
-    controller = LoopbackController(kinematics, q, hz=hz, fast=fast, tell=print_line)
+    controller = LoopbackController(kinematics, q, hz=hz, fast=fast, report_line=print_line)
     asyncio.run(LoopbackServer(controller, model, host, hz, print_line, dh).run(attached=attached))

@@ -54,17 +54,17 @@ class LoopbackServer:
         A loopback address.
     hz : float
         Its ticks per second.
-    tell : callable
+    report_line : callable
         Receives a line when it is ready, and one for each command.
     dh : DhParameters, optional
-        What it states of its arm's kinematics; nothing where left out, as older controllers.
+        What it states of its arm's kinematics; nothing if left out, as older controllers.
     """
 
     controller: LoopbackController
     model: str
     host: str
     hz: float
-    tell: Callable[[str], None]
+    report_line: Callable[[str], None]
     dh: DhParameters | None = None
 
     def __post_init__(self) -> None:
@@ -96,7 +96,7 @@ class LoopbackServer:
                     "Give it another address, for instance 127.0.0.3.",
                     key="host",
                 ) from None
-        self.tell(f"ready {self.host}")
+        self.report_line(f"ready {self.host}")
         clock = asyncio.ensure_future(self._clock())
         commands = asyncio.ensure_future(self._orders())
         await asyncio.wait(
@@ -146,10 +146,10 @@ class LoopbackServer:
         try:
             order = parse_scheduled_fault(line)
         except ConfigurationError as error:
-            self.tell(f"refused {error}")
+            self.report_line(f"refused {error}")
             return
         self.controller.schedule_fault(order)
-        self.tell(f"ordered {line.strip()}")
+        self.report_line(f"ordered {line.strip()}")
 
     async def _rtde(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         session = RtdeSession(
@@ -187,7 +187,7 @@ class LoopbackServer:
                 try:
                     self.controller.start_script(script)
                 except ScriptError as error:
-                    self.tell(f"script refused: {error}")
+                    self.report_line(f"script refused: {error}")
 
     async def _dash(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if self.controller.dashboard_closed:
@@ -206,7 +206,7 @@ class LoopbackServer:
             writer.write(f"{self._dashboard.answer_line(line.decode(errors='replace'))}\n".encode())
 
     async def _awake(self) -> None:
-        """Wait while the controller is frozen: it answers nobody."""
+        """Wait while the controller is frozen: it answers no one."""
         if self.controller.frozen:
             self._thawed.clear()
             await self._thawed.wait()
@@ -219,6 +219,6 @@ class LoopbackServer:
         except (asyncio.IncompleteReadError, ConnectionError):
             pass  # the client went
         except (ScriptError, ValueError, struct.error) as error:
-            self.tell(f"hung up: {error}")  # on a client that speaks another language
+            self.report_line(f"hung up: {error}")  # on a client that speaks another language
         finally:
             writer.close()

@@ -56,7 +56,7 @@ def line_path(T_start: Array, T_end: Array) -> ToolPath:
 
 
 def arc_path(T_start: Array, via: Array, T_end: Array) -> ToolPath:
-    """Arc of a circle through a point, shape (3,); a line where the three points lie on one."""
+    """Arc of a circle through a point, shape (3,); a line if the three points are on one."""
     a, b, c = T_start[:3, 3], np.asarray(via, dtype=float), T_end[:3, 3]
     normal = np.cross(b - a, c - a)
     scale = float(np.linalg.norm(b - a) * np.linalg.norm(c - a))

@@ -51,8 +51,8 @@ class LoopbackBody(Protocol):
         ...
 
     @property
-    def stands(self) -> bool:
-        """Whether it stands."""
+    def at_rest(self) -> bool:
+        """Whether it is at rest."""
         ...
 
     @property
@@ -74,7 +74,7 @@ class LoopbackBody(Protocol):
 
     @property
     def own_pose(self) -> Array | None:
-        """Where it is, x, y, heading, shape (3,), where it knows and sends that itself."""
+        """Where it is, x, y, heading, shape (3,), if it knows and sends that itself."""
         ...
 
 
@@ -100,9 +100,9 @@ class CrawlerBody:
         return self._body.time
 
     @property
-    def stands(self) -> bool:
-        """See `LoopbackBody.stands`."""
-        return self._body.stands
+    def at_rest(self) -> bool:
+        """See `LoopbackBody.at_rest`."""
+        return self._body.at_rest
 
     @property
     def braking_time(self) -> float:

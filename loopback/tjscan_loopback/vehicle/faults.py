@@ -50,7 +50,7 @@ class VehicleFaultOrder(StrEnum):
     POSE_CLOCK = "pose-clock"
     """The clock that its poses are dated by goes an hour wrong."""
     PASSER_STANDS = "passer-stands"
-    """Whoever walks through the area stands where he is."""
+    """The person who walks through the area stops."""
     CLEAR = "clear"
     """All is right again."""
 

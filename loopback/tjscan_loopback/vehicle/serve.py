@@ -41,7 +41,7 @@ CONNECT_LIMIT: Final = 5.0
 """Seconds that a connection to a broker on this machine may take."""
 
 LONGEST_PERIOD: Final = 0.1
-"""Seconds of motion in one step; where the process slept longer, the rest of its sleep is lost."""
+"""Seconds of motion in one step; if the process slept longer, the rest of its sleep is lost."""
 
 VEHICLE_SPACING: Final = 1.5
 """Metres from one vehicle to the next, along y of frame w."""
@@ -154,7 +154,7 @@ def _run(
         for vehicle, link, inbox in served:
             while not inbox.empty():
                 vehicle.receive(inbox.get())
-            vehicle.link_stands = link.is_up
+            vehicle.link_is_up = link.is_up
             for topic, payload in vehicle.advance(now, period):
                 link.publish(topic, payload)
         if world is not None:
@@ -168,7 +168,7 @@ def _run(
 
 def _obey(line: str, served: list[Served], towing: TowingBodies | None) -> None:
     if towing is not None and line.strip() == TRUTH_COMMAND:
-        print_line(f"{TRUTH_COMMAND} {towing.tell_truth()}")
+        print_line(f"{TRUTH_COMMAND} {towing.truth_as_json()}")
         return
     try:
         order = parse_ordered_fault(line, len(served))

@@ -70,9 +70,9 @@ class TowingBody:
         return self._world.time
 
     @property
-    def stands(self) -> bool:
-        """See `LoopbackBody.stands`."""
-        return self._world.stands(self._which)
+    def at_rest(self) -> bool:
+        """See `LoopbackBody.at_rest`."""
+        return self._world.is_at_rest(self._which)
 
     @property
     def braking_time(self) -> float:
@@ -106,7 +106,7 @@ class TowingBody:
 
 @dataclass(slots=True)
 class TowingExtremes:
-    """What truly happened in a loopback world since it began, for whoever judges a tow.
+    """What truly happened in a loopback world since it began, to judge a tow by.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class TowingBodies:
         extremes.touches.update(first)
         return first
 
-    def tell_truth(self) -> str:
+    def truth_as_json(self) -> str:
         """What is true, and was since the world began, as JSON."""
         world, extremes = self._world, self.extremes
         return json.dumps(
@@ -175,10 +175,10 @@ class TowingBodies:
             }
         )
 
-    def hold_passers_by(self, stand: bool) -> None:
-        """Let all passers-by stand, or walk on."""
+    def hold_passers_by(self, stops: bool) -> None:
+        """Hold all passers-by, or let them walk on."""
         for which in range(len(self._world.passers_by)):
-            self._world.hold_passer_by(which, stand)
+            self._world.hold_passer_by(which, stops)
 
     def link(self, host: str, port: int, prefix: str) -> BrokerLink:
         """What sends where all are, not yet connected."""

@@ -33,7 +33,7 @@ class LoopbackVehicle:
     """A vehicle that obeys messages, and stops by itself.
 
     It takes the commands of one program, the last that announced itself, unless another one
-    commands it. It stands when the dead-man time is over without a command, or the time for which
+    commands it. It stops when the dead-man time is over without a command, or the time for which
     the last one may be held; it brakes when its program goes, when its link breaks, and at a drive
     fault.
 
@@ -45,20 +45,20 @@ class LoopbackVehicle:
         What moves.
     session : str
         Of its messages.
-    tell : callable
+    report_line : callable
         Receives a line when the vehicle begins to move or comes to rest, and with what it drops.
     """
 
     def __init__(
-        self, number: int, body: LoopbackBody, session: str, tell: Callable[[str], None]
+        self, number: int, body: LoopbackBody, session: str, report_line: Callable[[str], None]
     ) -> None:
         self.number, self.body, self.session = number, body, session
         self.faults: set[VehicleFaultOrder] = set()
-        self.link_stands = True
+        self.link_is_up = True
         """Whether the broker is connected; without, the vehicle brakes."""
         self.dropped = 0
         """Commands that were dropped."""
-        self._tell = tell
+        self._report_line = report_line
         self._gate = MessageGate()
         self._twist: Twist | None = None
         self._until = self._heard = -inf
@@ -79,7 +79,7 @@ class LoopbackVehicle:
         self.body.take_faults(frozenset(self.faults))
 
     def receive(self, received: ReceivedMessage) -> None:
-        """Obey a message, or drop it and tell why."""
+        """Obey a message, or drop it and report why."""
         if VehicleFaultOrder.FREEZE in self.faults:
             return
         try:
@@ -94,14 +94,14 @@ class LoopbackVehicle:
         except BadMessage as error:
             self.dropped += 1
             if self.dropped in REPORTED_DROP_COUNTS:
-                self._tell(f"dropped {self.number} number {self.dropped}: {error}")
+                self._report_line(f"dropped {self.number} number {self.dropped}: {error}")
 
     def advance(self, now: float, period: float) -> list[tuple[str, bytes]]:
         """Go on by a period in seconds; returns topic and payload of what is to be sent."""
         frozen = VehicleFaultOrder.FREEZE in self.faults
         if now >= self._until or VehicleFaultOrder.DRIVE_FAULT in self.faults:
             self._twist = None
-        if not self.link_stands:
+        if not self.link_is_up:
             self._twist = None
         of_torch = self.torch.advance(now, period)
         self.body.arc_burning = self.torch.arc or VehicleFaultOrder.ARC in self.faults
@@ -163,6 +163,6 @@ class LoopbackVehicle:
             self._until = now + min(message.hold, DEAD_MAN_TIME) - self.body.braking_time
 
     def _tell_motion(self, now: float) -> None:
-        if self._moving == self.body.stands:
+        if self._moving == self.body.at_rest:
             self._moving = not self._moving
-            self._tell(f"{'moving' if self._moving else 'at rest'} {self.number} {now:.4f}")
+            self._report_line(f"{'moving' if self._moving else 'at rest'} {self.number} {now:.4f}")

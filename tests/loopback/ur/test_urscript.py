@@ -29,7 +29,7 @@ class Bench:
     def __init__(self) -> None:
         self.told: list[str] = []
         self.controller = LoopbackController(
-            KINEMATICS, HOME, hz=HZ, fast=False, tell=self.told.append
+            KINEMATICS, HOME, hz=HZ, fast=False, report_line=self.told.append
         )
         self.poses: list[Array] = []
         self.outputs: list[int] = []

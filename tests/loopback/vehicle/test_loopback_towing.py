@@ -106,9 +106,9 @@ def test_a_vehicle_drives_sideways_and_is_seen_to(loopback: Loopback) -> None:
 def test_it_stops_where_it_hears_nothing(loopback: Loopback) -> None:
     loopback.drive(2)
     loopback.run(0.3)
-    assert not loopback.vehicles[2].body.stands
+    assert not loopback.vehicles[2].body.at_rest
     loopback.run(DEAD_MAN_TIME - 0.3 + 2 * VEHICLE_STATE_PERIOD)
-    assert loopback.vehicles[2].body.stands
+    assert loopback.vehicles[2].body.at_rest
 
 
 def test_a_stopped_vehicle_stays_until_all_is_right_again(loopback: Loopback) -> None:
@@ -179,7 +179,7 @@ def test_it_tells_what_truly_happened(loopback: Loopback) -> None:
             loopback.drive(which, 0.1 if which % 2 else -0.1)
         loopback.run(0.2)
         first += loopback.towing.look_at_truth()
-    told = json.loads(loopback.towing.tell_truth())
+    told = json.loads(loopback.towing.truth_as_json())
     truth = loopback.world.truth()
     assert told["bend_deg"] >= np.rad2deg(np.abs(truth.angles).max()) - 1
     assert told["force_n"] > 0.1

@@ -83,11 +83,11 @@ def test_it_stands_when_the_dead_man_time_is_over(speed: float, start: float) ->
     program.announce(start)
     program.drive(1, start, speed)
     advance(driven, start, DEAD_MAN_TIME + 2 * VEHICLE_STATE_PERIOD)
-    assert driven.body.stands
+    assert driven.body.at_rest
     # It is no latch: the next command drives again.
     program.drive(2, start + 1.0, 0.05)
     advance(driven, start + 1.0, 0.1)
-    assert not driven.body.stands
+    assert not driven.body.at_rest
 
 
 @pytest.mark.parametrize("what", ["its program goes", "its link breaks", "a drive fails"])
@@ -100,11 +100,11 @@ def test_it_brakes_at_once_when(what: str) -> None:
     if what == "its program goes":
         program.announce(0.3, alive=False)
     elif what == "its link breaks":
-        driven.link_stands = False
+        driven.link_is_up = False
     else:
         driven.order_fault(VehicleFaultOrder.DRIVE_FAULT)
     advance(driven, 0.3, driven.body.braking_time + VEHICLE_STATE_PERIOD)
-    assert driven.body.stands
+    assert driven.body.at_rest
 
 
 def test_it_obeys_one_program_until_that_is_silent() -> None:
@@ -131,7 +131,7 @@ def test_what_the_broker_kept_and_who_is_not_announced_never_steer() -> None:
     program.announce(0.0)
     program.drive(2, 0.0, retained=True)
     advance(driven, 0.0, 0.2)
-    assert driven.body.stands
+    assert driven.body.at_rest
     assert driven.dropped == 2
 
 

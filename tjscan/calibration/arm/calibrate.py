@@ -63,7 +63,7 @@ class ArmModel:
     """Residuals of profiles that an arm took, by its deviations, T_f_s and targets.
 
     The true flange pose is the one that the arm reads, and a motion further: from the model's
-    flange pose at these joint angles to that of the model with deviations. So a controller may
+    flange pose at these joint angles to the model's with deviations. So a controller may
     read poses with a calibration of its own.
 
     Parameters
@@ -134,7 +134,7 @@ class ArmModel:
             T_b_f = E @ np.array([arm.forward(q) for q in seen.q])
             found = seen.model.at_other_poses(T_b_f).linearise(T_f_s, own)
             by_flange = found.by_pose.copy()
-            # A turn of the flange also carries the sensor, whose origin is not that of f.
+            # A turn of the flange also carries the sensor, whose origin is not f's.
             by_flange[:, :, 3:] -= found.by_pose[:, :, :3] @ skew_matrix(T_f_s[:3, 3])
             by_pose = np.concatenate((found.by_pose, by_flange @ J), axis=2)
             parts.append(replace(found, by_pose=by_pose))

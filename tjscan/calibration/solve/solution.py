@@ -46,7 +46,7 @@ def reject_outlying_profiles(
 
     Bad profiles hide one another and put the blame on good ones, so sets of them are left out
     whole. The set is taken that explains the profiles best: a profile costs as much as it must
-    stand out by to be blamed alone. Two other explanations compete: that all profiles are rougher
+    differ by to be blamed alone. Two other explanations compete: that all profiles are rougher
     than stated, and that the arm's geometry is off.
 
     Parameters
@@ -81,7 +81,7 @@ def reject_outlying_profiles(
 
 
 def blame_thresholds(estimate: LeastSquaresEstimate) -> Array:
-    """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
+    """By how much each profile must differ to be blamed alone, shape (n,): a chi-squared."""
     sizes = estimate.residuals_per_profile
     return np.asarray(chdtri(sizes, refine.FALSE_ALARM_PROBABILITY / len(sizes)))
 

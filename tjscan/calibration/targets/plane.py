@@ -68,7 +68,7 @@ class PlaneTarget:
         the pattern, times the root of the number of points.
     by_arm : ndarray, shape (3, m), or None
         How (tilt, tilt, height) move with draws of the arm's geometry, see
-        `ArmGeometryDeviation.flange_motion`; `information` is then that of the touches alone.
+        `ArmGeometryDeviation.flange_motion`; `information` is then from the touches alone.
         None if it holds both.
     """
 

@@ -234,7 +234,7 @@ class Logbook(RecordingWriter):
         About where the laser sits on the flange, as assumed while measuring. It shows a viewer
         where the profiles are, and is not read again.
     listen : callable, optional
-        Receives every entry, those of before too, once it is on the disk.
+        Receives every entry, earlier ones too, once it is on the disk.
 
     Raises
     ------

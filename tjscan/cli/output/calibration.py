@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tjscan.calibration.file import BallEntry, ResidualEntry, SavedCalibration
+from tjscan.calibration.file import ResidualEntry, SavedCalibration
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.shared import LiveOptions
 from tjscan.cli.output.console import print_figures_table, print_message
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import CalibrationJob, RecordedJob
@@ -65,7 +65,7 @@ def choose_operator(
         from tjscan.runs.live.calibration import operator_on_page
 
         with operator_on_page(
-            job, job_file, page.where, print_message, ctrl_c_presser()
+            job, job_file, page.page_address, print_message, ctrl_c_presser()
         ) as operator:
             yield operator
     else:
@@ -172,22 +172,18 @@ def _print_finished_calibration(done: SavedCalibration, *, json: bool) -> None:
     )
     if found.T_b_s_mm is not None:
         print_message("the sensor is fixed in the room: this is its pose in the arm's base")
-    if found.ball is not None:
-        print_message(_ball_in_words(found.ball))
+    if (ball := found.ball) is not None:
+        stated = ball.stated_radius_mm
+        agreement = "" if stated is None else f"; stated {stated:.3f} mm, which agrees"
+        print_message(
+            f"radius of the ball as the arcs show it {ball.measured_radius_mm:.3f} mm "
+            f"± {ball.sigma_radius_mm:.3f} mm{agreement}"
+        )
     for caveat in done.caveats:
         print_message(f"warning: {caveat}")
     print_message(f"written to {done.file}; on a page: {page.name}, {CALIBRATION_PICTURE}")
     if json:
         print(found.model_dump_json(indent=2))
-
-
-def _ball_in_words(ball: BallEntry) -> str:
-    stated = ball.stated_radius_mm
-    return (
-        f"radius of the ball as the arcs show it {ball.measured_radius_mm:.3f} mm "
-        f"± {ball.sigma_radius_mm:.3f} mm"
-        + ("" if stated is None else f"; stated {stated:.3f} mm, which agrees")
-    )
 
 
 def _residual_cells(residual: ResidualEntry) -> tuple[str, ...]:

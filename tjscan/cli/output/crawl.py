@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.page import LiveCrawlOptions
+from tjscan.cli.options.shared import LiveCrawlOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
@@ -50,7 +50,7 @@ def watch_crawl(
     ----------
     job : CrawlJob
     file : Path
-        Where it was read from.
+        The file that it was read from.
     page : LiveCrawlOptions, optional
         Whether it is shown in a browser too, and driven by hand there before it begins.
     """
@@ -62,7 +62,7 @@ def watch_crawl(
     from tjscan.runs.live.crawl import PageHandDrive, show_crawl
 
     hand, stop = PageHandDrive.of_job(job) if page.wait else None, ctrl_c_presser()
-    with show_crawl(job, file.stem, page.where, print_message, stop, hand) as shown:
+    with show_crawl(job, file.stem, page.page_address, print_message, stop, hand) as shown:
         both = CombinedJournal(context.journal, shown)
         yield replace(context, journal=both, hand=hand)
 
@@ -120,8 +120,5 @@ def _print_pass_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
         print_message(f"{title}: no pass was welded")
         return
     # Quantities go down and passes across: a terminal is not as wide as the file.
-    print_fields(
-        [(name, *(row[name] for row in rows)) for name in list(rows[0])[1:]],
-        ("", *(f"pass {row['pass']}" for row in rows)),
-        title,
-    )
+    head = ("", *(f"pass {row['pass']}" for row in rows))
+    print_fields([(name, *(row[name] for row in rows)) for name in list(rows[0])[1:]], head, title)

@@ -87,11 +87,10 @@ def _corner_cells(reading: ProfileReading) -> dict[str, str]:
     ends = (len(reading.points_s) - len(reading.corner_sigmas)) // 2
     sigmas = ["" for _ in range(ends)]
     sigmas = [*sigmas, *(f" ± {1e3 * hypot(*one):.3f}" for one in reading.corner_sigmas), *sigmas]
+    found = zip(reading.corners_seen, 1e3 * reading.points_s, sigmas, strict=True)
     return {
         f"p{i}_x_z_mm": f"{x:.3f} {z:.3f}{sigma}" if seen else "not seen"
-        for i, (seen, (x, _, z), sigma) in enumerate(
-            zip(reading.corners_seen, 1e3 * reading.points_s, sigmas, strict=True), start=1
-        )
+        for i, (seen, (x, _, z), sigma) in enumerate(found, start=1)
     }
 
 

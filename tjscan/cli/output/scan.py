@@ -12,7 +12,7 @@ from rich.progress import Progress
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
 from tjscan.cli.interrupt import INTERRUPT_EXIT_CODE, ctrl_c_presser, stop_request_on_ctrl_c
-from tjscan.cli.options.page import LiveScanOptions
+from tjscan.cli.options.shared import LiveScanOptions
 from tjscan.cli.output.calibration import TerminalOperator
 from tjscan.cli.output.console import print_fields, print_json, print_message, progress_bars
 from tjscan.core.config import add_file_to_errors
@@ -154,7 +154,7 @@ class ScanRequest:
     ----------
     job : ScanJob
     file : Path
-        Where it was read from; to resume, in the run directory.
+        The file that it was read from; to resume, in the run directory.
     keys : dict
         Keys of the job that the command line replaced.
     station : str, optional
@@ -256,7 +256,7 @@ def _shown_on_page(context: ScanContext, request: ScanRequest) -> Iterator[ScanC
 
     there = replace(context, job=context.job.job_at_station())
     resumed = request.directory if request.resume else None
-    with show_scan(there, page.where, print_message, ctrl_c_presser(), resumed) as on_page:
+    with show_scan(there, page.page_address, print_message, ctrl_c_presser(), resumed) as on_page:
         if page.wait:
             on_page.run.wait_for_start()
         yield replace(context, journal=CombinedJournal(context.journal, on_page))

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.options.shared import LiveOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message, stderr
 from tjscan.core.config import add_file_to_errors
 from tjscan.job.tow.cell import check_seam, make_shape_planner
@@ -57,7 +57,7 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
     ----------
     job : TowJob
     file : Path
-        Where it was read from.
+        The file that it was read from.
     page : LiveOptions
         Whether it is shown in a browser too.
     """
@@ -73,13 +73,13 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
             return
         from tjscan.runs.live.tow import show_tow
 
-        with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
+        with show_tow(job, file.stem, page.page_address, print_message, ctrl_c_presser()) as shown:
             both = CombinedJournal(context.journal, shown)
             yield replace(context, journal=both, show_truth=shown.record)
 
 
 def print_seam_feasibility(job: TowJob, file: Path, *, json: bool) -> None:
-    """Say whether the cable can follow along the whole seam.
+    """Report whether the cable can follow along the whole seam.
 
     Raises
     ------

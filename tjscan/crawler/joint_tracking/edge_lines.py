@@ -35,7 +35,7 @@ DEPTH_OF_FIELD: Final = 0.08
 """Range of z over which points of the background lie, in metres."""
 
 LEAST_FILL_RANGE: Final = 1e-3
-"""Least range of z over which the steel may lie where a bevel has ended, in metres."""
+"""Least range of z over which the steel may be where a bevel has ended, in metres."""
 
 BEVEL_ANGLE_SIGMA: Final = radians(1.0)
 """By how much a bevel's angle differs from what it was before, one standard deviation."""
@@ -271,7 +271,7 @@ def _angle_prior(start: EdgeLines, bevel_angles: Array | None) -> Array:
 
 
 def _bevel_feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
-    """Where the bevels most likely end: beyond it the steel may lie anywhere in the groove."""
+    """Where the bevels most likely end: beyond it the steel may be anywhere in the groove."""
     left, root, right = np.searchsorted(t, (found.edges[0], found.root, found.edges[1])).tolist()
     share, sigma = found.background, found.noise
     arc = share / DEPTH_OF_FIELD
@@ -287,7 +287,7 @@ def _bevel_feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
         height, seen = found.heights(line, u), z[own][::inward]
         on = np.exp(-0.5 * np.minimum(((seen - height) / sigma) ** 2, 100.0))
         on *= (1 - share) / (sqrt(tau) * sigma)
-        # Beyond a bevel's end the steel lies nearer than its continuation, or behind a gap.
+        # Beyond a bevel's end the steel is nearer than its continuation, or behind a gap.
         room = np.maximum(height - hull, LEAST_FILL_RANGE)
         off = np.where(np.abs(seen - height) < room, (1 - share) / room, 0.0)
         evidence = np.cumsum(np.log((on + arc) / (off + arc)))

@@ -24,7 +24,7 @@ REFERENCE_PITCH: Final = 0.25e-3
 """Distance of a reference's points, in metres: about the pitch of the sensor's columns."""
 
 SMOOTHED_POINTS: Final = 7
-"""Points over which a reference's slope is taken: that of its noise must not look like shape."""
+"""Points over which a reference's slope is taken: its noise must not look like shape."""
 
 MOST_REGISTRATION_ROUNDS: Final = 8
 SETTLED_SHIFT: Final = 1e-6
@@ -39,10 +39,10 @@ since hides much of a bevel, but over another joint only the places where outlin
 
 DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 """Standard deviations and metres between which a point lies deeper than the reference as another
-joint's would: the arc's light lies anywhere, mostly farther."""
+joint's would: the arc's light is anywhere, mostly farther."""
 
 MOST_DEEPER_SHARE: Final = 0.2
-"""Share of what a side shows that may lie deeper: a pass adds steel and takes none away."""
+"""Share of what a side shows that may be deeper: a pass adds steel and takes none away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,13 +220,13 @@ def register_profile(
         roll += float(step[2])
         if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_SHIFT:
             break
-    telling = (slope / spread) ** 2
+    shift_information = (slope / spread) ** 2
     for side in (u < 0, u > 0):
-        tells = telling[side].sum()
-        if weight[side] @ telling[side] < LEAST_SEEN_SHARE_OF_SIDE * tells:
+        side_total = shift_information[side].sum()
+        if weight[side] @ shift_information[side] < LEAST_SEEN_SHARE_OF_SIDE * side_total:
             return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
-        if telling[side] @ deeper > MOST_DEEPER_SHARE * tells:
+        if shift_information[side] @ deeper > MOST_DEEPER_SHARE * side_total:
             return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])

@@ -48,7 +48,7 @@ LEAST_SHARE_ON_REFERENCE: Final = 0.3
 """Share of the points that must lie on the reference."""
 
 FARTHEST_SIGMAS, FARTHEST_SIDEWAYS = 4.0, 0.03e-3
-"""How far a joint that is found by the reference may lie from where it was last: in standard
+"""How far a joint that is found by the reference may be from where it was last: in standard
 deviations, and, in metres, for each profile since then. A vehicle at 20 mm/s that turns with a
 radius of 5 m carries its laser sideways by half of that."""
 
@@ -70,7 +70,7 @@ SHORT_BEVEL_SHARE: Final = 0.1
 """Share of the way to the root that a bevel still has in a groove nearly filled."""
 
 BURIED_HEIGHT: Final = 1.0e-3
-"""A root that lies higher than usual by more, in metres, is under a tack."""
+"""A root that is higher than usual by more, in metres, is under a tack."""
 
 FILLED_DEPTH: Final = 0.7e-3
 """A groove less deep than this is filled, in metres."""
@@ -91,7 +91,7 @@ class ButtJointReading(JointPlacement):
         Of the profile, in seconds.
     edges : ndarray, shape (2, 2)
         x_s and z_s of the left and of the right top edge, where hull and bevel meet, in metres.
-        Where the edges are gone they are NaN.
+        If the edges are gone they are NaN.
     edge_covariances : ndarray, shape (2, 2, 2)
         In m².
     depth_left : float
@@ -275,7 +275,7 @@ class JointTracker:
         )
 
     def _check_lines(self, row: _ProfileRays, lines: EdgeLines, width: float) -> None:
-        """Refuse lines that are not those of a joint's edges."""
+        """Refuse lines that are not a joint's edges."""
         left, left_bevel, right_bevel, right = lines.angles.tolist()
         least_turn, most_turn = BEVEL_TURNS
         refusals = {

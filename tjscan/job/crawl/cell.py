@@ -153,7 +153,7 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     ----------
     job : CrawlJob
     left : InterruptedWorld, optional
-        What an interrupted run left of a simulation; a new one begins where left out.
+        What an interrupted run left of a simulation; a new one begins if left out.
 
     Raises
     ------

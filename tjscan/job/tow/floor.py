@@ -112,7 +112,7 @@ def _free_floor(job: TowJob, solids: Sequence[_FixedSolid]) -> Any:
 def _corridor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
     """Yield that the floor is too narrow for the vehicles somewhere between root and seam.
 
-    A piece of cable between two vehicles may lie in a gap that no vehicle passes, so places for
+    A piece of cable between two vehicles may be in a gap that no vehicle passes, so places for
     vehicles count as joined if the longest piece reaches from one to the other.
     """
     radius = job.vehicles.radius + job.limits.vehicle_clearance

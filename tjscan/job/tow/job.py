@@ -49,7 +49,7 @@ class VehiclesSettings(DeviceSettings):
         With the welder.
     links : tuple of int or None
         Link of the cable that each holds, counted from 0 at the root; the welder holds the last.
-        Equally spaced where left out.
+        Equally spaced if left out.
     behind_welder : float or None
         Length of the piece of cable behind the welder, a whole number of links, metres, where that
         is not as long as the others.
@@ -80,13 +80,7 @@ class TowLocalisationSettings(tables.LocalisationSettings, DeviceSettings):
 
 WorldFault = Literal["jam", "push", "passer-by-stands"]
 PoseFaultName = Literal[
-    "pose-noise",
-    "pose-lost",
-    "pose-late",
-    "pose-disorder",
-    "pose-frozen",
-    "pose-jump",
-    "pose-swap",
+    "pose-noise", "pose-lost", "pose-late", "pose-disorder", "pose-frozen", "pose-jump", "pose-swap"
 ]
 
 
@@ -126,7 +120,7 @@ class TowSimulationSettings(SettingsTable):
     seed : int
         Of all random numbers.
     settle : float
-        Seconds for which cable and vehicles stand still before the clock starts.
+        Seconds for which cable and vehicles rest before the clock starts.
     towing_vehicle : TowingVehicleSettings
         What every vehicle truly is.
     localisation : LocalisationSimulationSettings

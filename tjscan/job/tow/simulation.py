@@ -15,12 +15,7 @@ from tjscan.core.errors import VehicleFault
 from tjscan.core.frames import Array
 from tjscan.job.tow.job import FaultSettings, TowJob
 from tjscan.towing.tables import ObstacleSettings
-from tjscan.vehicle.cable.model import (
-    CableModel,
-    PasserBy,
-    TowingVehicleModel,
-    TowingWorldModel,
-)
+from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingVehicleModel, TowingWorldModel
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
 from tjscan.vehicle.simulated_team import SimulatedTeam

@@ -24,7 +24,7 @@ class GigeSettings(SettingsTable):
     Parameters
     ----------
     address, serial : str, optional
-        Which laser: its IP address, its serial number, or both. Where there is a serial number,
+        Which laser: its IP address, its serial number, or both. If there is a serial number,
         no other laser is accepted, and calibrations hold for this one.
     attempts : int
         Triggers until a profile that does not come is given up. A network that loses one packet
@@ -34,7 +34,7 @@ class GigeSettings(SettingsTable):
     connect_limit : float
         Seconds a connection may take.
     packet_size : int, optional
-        Bytes of a packet of the stream; what the laser has set where left out.
+        Bytes of a packet of the stream; what the laser has set if left out.
     features : mapping
         Any further feature by its name, set when it connects.
     """
@@ -65,10 +65,10 @@ class GenicamSettings(GigeSettings):
         ``software``: one profile for each trigger. ``fresh``: it runs free, and what was exposed
         before the call is thrown away.
     pixel_format : str, optional
-        Name of the format; where left out, the first of Coord3D_AC16, Coord3D_AC32f and
+        Name of the format; if left out, the first of Coord3D_AC16, Coord3D_AC32f and
         Coord3D_C16 that the laser has.
     exposure : float, optional
-        Seconds of exposure; what the laser has set where left out.
+        Seconds of exposure; what the laser has set if left out.
     rows : int
         Rows of a block, the first one the profile; for lasers that send no fewer.
     scale, offset : tuple of float, optional

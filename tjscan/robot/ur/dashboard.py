@@ -146,7 +146,7 @@ class UrIdentity(DeviceIdentity):
     Parameters
     ----------
     model, serial, software : str
-        Model, serial number and version of the controller's software; empty where not reported.
+        Model, serial number and version of the controller's software; empty if not reported.
     payload : float or None
         The active payload in kilograms.
     kinematics : str

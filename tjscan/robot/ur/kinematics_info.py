@@ -59,7 +59,7 @@ def describe_kinematics_difference(dh: DhParameters, kinematics: Kinematics) -> 
     """Where a controller's own calibration and a model of the arm disagree, in words."""
     rms, largest = compare_flange_with_model(dh, kinematics)
     if largest < SAME_KINEMATICS_TOLERANCE:
-        return f"the controller's kinematics are those of the model {kinematics.name}"
+        return f"the controller's kinematics equal the model {kinematics.name}"
     return (
         f"the controller's own calibration has the flange {1e3 * rms:.2f} mm RMS, "
         f"{1e3 * largest:.2f} mm at most from where the model {kinematics.name} has it; "

@@ -15,7 +15,6 @@ from tjscan.calibration.file import (
     CalibrationFile,
     read_calibration,
 )
-from tjscan.calibration.noise import NoiseModel
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.manifest import check_files_unaltered
@@ -125,17 +124,15 @@ def _calibration_facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
             f"{fresh.offset_mm:+.3f} mm and {fresh.tilt_deg:+.4f}° off; {fresh.misfit:.1f} "
             f"standard deviations, {fresh.limit:.1f} may be",
         )
-    yield "errors stated", _noise_model_in_words(found.noise, found.geometry_mm)
-    if found.kinematics is not None:
-        yield "arm", _calibrated_arm_in_words(found.kinematics)
-
-
-def _noise_model_in_words(noise: NoiseModel, geometry_mm: float) -> str:
-    return (
+    noise = found.noise
+    yield (
+        "errors stated",
         f"range {1e3 * noise.range:g} mm, pose {1e3 * noise.position:g} mm and "
         f"{np.degrees(noise.rotation):.3g}° each axis, touch {1e3 * noise.touch:g} mm; the arm's "
-        f"geometry is allowed {geometry_mm:.2g} mm"
+        f"geometry is allowed {found.geometry_mm:.2g} mm",
     )
+    if found.kinematics is not None:
+        yield "arm", _calibrated_arm_in_words(found.kinematics)
 
 
 def _calibrated_arm_in_words(arm: ArmKinematicsEntry) -> str:

@@ -101,11 +101,8 @@ def _basis_on_touched_board(wizard: CalibrationWizard, result: HandEyeCalibratio
         if so_far is not None:  # the first lines give no result
             mm = 1e3 * so_far.uncertainty.position
             degrees = float(np.degrees(so_far.uncertainty.rotation))
-            shrinking.append(
-                UncertaintyAfterLinesEntry(
-                    lines=count, sigma_position_mm=mm, sigma_rotation_deg=degrees
-                )
-            )
+            sigmas = {"sigma_position_mm": mm, "sigma_rotation_deg": degrees}
+            shrinking.append(UncertaintyAfterLinesEntry(lines=count, **sigmas))
     return BasisEntry(
         target=f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane",
         left_out=tuple(f"a pose was passed over: {one.reason}" for one in measured.skipped_poses),
@@ -132,7 +129,7 @@ def start_calibration(
     job : CalibrationJob
         The job.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     directory : Path
         To make.
     operator : Operator
@@ -349,7 +346,7 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
     job : CalibrationJob
         The job; its devices are connected.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
 
     Returns
     -------

@@ -347,7 +347,7 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     way = abs(last.state.odometry.speed) * (DEAD_MAN_TIME if found.was_stopped else COASTING_TIME)
     since = takewhile(lambda cycle: cycle.slip is slip, reversed(crawled))
     way += sum(abs(after.travel - cycle.travel) for after, cycle in pairwise(since))
-    return slip.after_unseen_way(way, job.steering.least_radius)
+    return slip.with_unseen_travel(way, job.steering.least_radius)
 
 
 def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
@@ -511,7 +511,7 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
         period = 0.0 if time is None else cycle.state.time - time
         time = cycle.state.time
         if is_by_hand(cycle.phase, cycle.commanded):
-            method.set_down_anew()
+            method.forget_place()
         elif 0 < period <= LONGEST_PERIOD:  # in longer ones it did not move
             method.move(cycle.state.odometry, period, cycle.commanded)
         if cycle.was_read:

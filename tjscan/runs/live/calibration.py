@@ -52,7 +52,7 @@ class CalibrationShow:
     ----------
     job : CalibrationJob
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     title : str
         Of the run.
     """
@@ -62,7 +62,7 @@ class CalibrationShow:
         self._T_f_s = self._plan.T_f_s
         self.setting = self._make_scene_setup(job, title)
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
         match entry:
             case logbook.StartOrResumeEntry():
@@ -160,7 +160,7 @@ class CalibrationShow:
 
 
 def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:
-    """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a calibration's recording has to show; see `tjscan.live.step.ReplayReader`."""
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
     return show, logbook.read_calibration_entries(directory)
@@ -238,7 +238,7 @@ class PageOperator:
 
     def _enable_buttons(self, *words: Answer) -> None:
         if self._run.page is not None:
-            self._run.page.enable({word: word in words for word, _, _ in ANSWER_BUTTONS})
+            self._run.page.enable_buttons({word: word in words for word, _, _ in ANSWER_BUTTONS})
 
     def _wait_for_button(self, question: Question) -> Answer:
         """Next button that is pressed; until then a real laser's profiles are shown."""
@@ -265,7 +265,7 @@ def operator_on_page(
     ----------
     job : CalibrationJob
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     where : PageAddress
     report : callable
         Receives the page's address, and every message.

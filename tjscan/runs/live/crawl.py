@@ -72,7 +72,7 @@ class CrawlShow:
         self._last: tuple[int, float, float] | None = None
         self.setting = self._make_scene_setup(title)
 
-    def step(self, entry: object) -> live_step.Step:
+    def step_of_entry(self, entry: object) -> live_step.Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case CrawlCycle():
@@ -84,22 +84,16 @@ class CrawlShow:
                 if name not in set(Phase):
                     return step
                 # An event that a phase begins with bears its name: no cycle follows a stop.
-                return replace(
-                    step,
-                    facts={live_step.STATE_FACT: name},
-                    diagram=phase_transition_diagram(Phase(name)),
-                )
+                diagram = phase_transition_diagram(Phase(name))
+                return replace(step, facts={live_step.STATE_FACT: name}, diagram=diagram)
         return live_step.Step()
 
     def _make_scene_setup(self, title: str) -> live_step.SceneSetup:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
         size = (job.vehicle.body_length, job.vehicle.body_width, DRAWN_CRAWLER_HEIGHT)
-        body = Solid(
-            "body",
-            Box(size),
-            pose(p=(0.0, 0.0, DRAWN_CRAWLER_CLEARANCE + 0.5 * DRAWN_CRAWLER_HEIGHT)),
-        )
+        height = DRAWN_CRAWLER_CLEARANCE + 0.5 * DRAWN_CRAWLER_HEIGHT
+        body = Solid("body", Box(size), pose(p=(0.0, 0.0, height)))
         torch = Solid("torch", Cylinder(0.012, 0.25), pose(p=(0.0, 0.0, 0.125)))
         ends = np.array([(-before, 0.0, 0.0), (length + job.weld.run_up, 0.0, 0.0)])
         weld = np.array([(0.0, 0.0, 0.0), (length, 0.0, 0.0)])
@@ -196,7 +190,7 @@ def phase_transition_diagram(now: Phase) -> live_step.StateDiagram:
 
 
 def read_crawl_show(directory: Path) -> tuple[CrawlShow, Iterator[object]]:
-    """Read what a crawl's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a crawl's recording has to show; see `tjscan.live.step.ReplayReader`."""
     show = CrawlShow(read_crawl_job(directory / JOB_FILE), directory.resolve().name)
     return show, _read_thinned_entries(directory)
 
@@ -260,15 +254,15 @@ class PageHandDrive:
         return cls(job.alignment.speed, 1 / job.steering.least_radius)
 
     @property
-    def words(self) -> Sequence[str]:
+    def button_words(self) -> Sequence[str]:
         """Words of the buttons that drive."""
         return tuple(self._twists)
 
-    def start(self) -> None:
+    def start_crawl(self) -> None:
         """Let the crawl begin: driving by hand is over."""
         self._begun.set()
 
-    def hear(self, word: str) -> None:
+    def note_held(self, word: str) -> None:
         """Note that a button is held."""
         self._heard[word] = self._clock()
 
@@ -355,14 +349,15 @@ def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:
     """
 
     def start() -> None:
-        hand.start()
+        hand.start_crawl()
         if run.page is not None:
-            run.page.enable(dict.fromkeys(("Start", *hand.words), False))
+            run.page.enable_buttons(dict.fromkeys(("Start", *hand.button_words), False))
         run.record(live_step.Step(facts={live_step.BUTTONS_FACT_NAME: ""}))
 
     run.record(
         live_step.Step(facts={live_step.BUTTONS_FACT_NAME: "Start, or hold a button to drive"})
     )
     hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
-    held = [Button(word, partial(hand.hear, word), hint=hint, held=True) for word in hand.words]
+    words = hand.button_words
+    held = [Button(word, partial(hand.note_held, word), hint=hint, held=True) for word in words]
     return [Button("Start", start, "green", "Let the crawl begin"), *held]

@@ -107,7 +107,7 @@ class ScanShow:
             look_from=look_from,
         )
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case ProfileView():
@@ -224,7 +224,7 @@ def _value_in_words(measure: Measure, values: dict[str, float], sigmas: dict[str
 
 
 def read_scan_show(directory: Path) -> tuple[ScanShow, Iterator[object]]:
-    """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a scan's recording has to show; see `tjscan.live.step.ReplayReader`."""
     job_file = directory / JOB_FILE
     context = ScanContext(read_scan_job(job_file), job_file).at_station()
     return ScanShow(context, directory.resolve().name), read_scan_entries(directory, context)
@@ -302,7 +302,7 @@ def show_scan(
         if simulation is not None and simulation.arm is not None:
             yield Step(drawn={"arm": ArmPosture(np.array(simulation.arm.home))})
         if resumed is not None and (resumed / RECORDING_FILE).is_file():
-            yield from map(show.step, read_scan_entries(resumed, context))
+            yield from map(show.step_of_entry, read_scan_entries(resumed, context))
 
     show = ScanShow(context, context.job_file.stem)
     buttons = partial(scan_buttons, stop=context.stop, interrupt=interrupt)

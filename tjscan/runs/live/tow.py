@@ -62,7 +62,7 @@ class TowShow:
         self._began: float | None = None
         self.setting = self._make_scene_setup(title)
 
-    def step(self, entry: object) -> Step:
+    def step_of_entry(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case TowCycle():
@@ -85,10 +85,8 @@ class TowShow:
         shape = Cylinder(job.vehicles.radius, DRAWN_VEHICLE_HEIGHT)
         names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
         seam = _lift_to_height(self._seam.path.points)
-        clearances, forces = (
-            (CABLE_CLEARANCE_MEASURE, VEHICLE_CLEARANCE_MEASURE),
-            (WELDER_FORCE_MEASURE, VEHICLE_FORCE_MEASURE),
-        )
+        clearances = CABLE_CLEARANCE_MEASURE, VEHICLE_CLEARANCE_MEASURE
+        forces = WELDER_FORCE_MEASURE, VEHICLE_FORCE_MEASURE
         return SceneSetup(
             title,
             (LARGEST_BEND_MEASURE, *clearances, OBJECTIVE_MEASURE, *forces),
@@ -182,7 +180,7 @@ def _disc_outline(disc: Array) -> Array:
 
 
 def read_tow_show(directory: Path) -> tuple[TowShow, Iterator[object]]:
-    """Read what a tow's recording has to show; see `tjscan.live.step.ShowReader`."""
+    """Read what a tow's recording has to show; see `tjscan.live.step.ReplayReader`."""
     show = TowShow(read_tow_job(directory / JOB_FILE), directory.resolve().name)
     return show, _read_thinned_entries(directory)
 

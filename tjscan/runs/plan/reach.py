@@ -37,11 +37,7 @@ from tjscan.robot.collision import SCANNED_GROOVE_NAME
 from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_JOINT_TURN, linear_waypoints
-from tjscan.robot.tool_reach import (
-    NEAR_SINGULARITY_TEXT,
-    Hindrance,
-    ToolConfigurations,
-)
+from tjscan.robot.tool_reach import NEAR_SINGULARITY_TEXT, Hindrance, ToolConfigurations
 from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.journal import grid_triangles
 
@@ -60,7 +56,7 @@ class WeldingStation:
     job : ScanJob
         Of that station alone.
     job_file : Path
-        Where it was read from.
+        The file that it was read from.
     model, kinematics : Kinematics
         The arm as its controller has it, and as it was calibrated.
     T_b_r : ndarray, shape (4, 4)
@@ -74,7 +70,7 @@ class WeldingStation:
     kinematics: Kinematics
     T_b_r: Array
 
-    def make_hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
+    def hindrance_check(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
         """What keeps the arm with a torch from a configuration.
 
         The solids of the job, whose frame w is known if the job states the joint's pose in
@@ -330,9 +326,8 @@ class _TorchLeader:
 
     def _refuse_hindered_pose(self, q: Array, T_b_f: Array, where: str) -> None:
         arm, least = self._station.kinematics, self._station.job.clearance.singular
-        reason = (
-            NEAR_SINGULARITY_TEXT if arm.smallest_singular_value(q) < least else self._hindrance(q)
-        )
+        is_singular = arm.smallest_singular_value(q) < least
+        reason = NEAR_SINGULARITY_TEXT if is_singular else self._hindrance(q)
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 
@@ -362,9 +357,9 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
     arm, singular = station.kinematics, station.job.clearance.singular
-    wary = station.make_hindrance(torch, groove, EXTRA_COLLISION_MARGIN)
+    wary = station.hindrance_check(torch, groove, EXTRA_COLLISION_MARGIN)
     holds = ToolConfigurations(arm, torch.tcp.T, T, wary, singular=singular, closed=edges.closed)
-    hindrance = station.make_hindrance(torch, groove, 0.0)
+    hindrance = station.hindrance_check(torch, groove, 0.0)
     return StationReach(station, hindrance, places, edges.length, holds)
 
 

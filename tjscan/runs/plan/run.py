@@ -380,7 +380,7 @@ AVERAGED_LENGTH: Final = 20e-3
 FEWEST_PROFILES: Final = 3
 """Profiles that make one."""
 
-MEDIAN_DEPTH_REACH: Final = 0.1
+DEPTH_MEDIAN_HALF_WINDOW: Final = 0.1
 """Metres to either side of a place whose median depth is usual there: no tack is half as long."""
 
 CRAWL_PLAN_FRAME: Final = "c"
@@ -500,7 +500,7 @@ def butt_joint_edges(
     readings = _read_along_weld(seen, length)
     places = np.array([at for at, _ in readings])
     depths = np.array([reading.depth_left for _, reading in readings])
-    usual = [np.median(depths[np.abs(places - at) <= MEDIAN_DEPTH_REACH]) for at in places]
+    usual = [np.median(depths[np.abs(places - at) <= DEPTH_MEDIAN_HALF_WINDOW]) for at in places]
     higher = np.array(usual) - depths
     station = (places / AVERAGED_LENGTH).astype(int)
     middles, tacked, rows = [], [], []

@@ -437,7 +437,7 @@ class ScanOutcome(trial.RunOutcome):
 
 SUMMARY_COUNTS: Final = ("sections", "scans", "half_steps")
 SUMMARY_FIELDS: Final = ("complete", "detail", *SUMMARY_COUNTS, "groove_length_mm", "motion_time_s")
-"""Fields of an outcome that are those of the scan's summary."""
+"""Fields that an outcome takes from the scan's summary."""
 
 MOST_CACHED_EDGES = 4
 """Joints whose edges a process keeps: trials of one joint follow each other."""

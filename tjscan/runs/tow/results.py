@@ -75,7 +75,7 @@ class RecordedTow:
         return any(event.name == WELDED_EVENT for event in self.events)
 
     def figures(self, job: TowJob) -> TowKeyFigures | None:
-        """Figures of the tow; None where not even one cycle was recorded."""
+        """Figures of the tow; None if not even one cycle was recorded."""
         if not self.cycles:
             return None
         return key_figures_of_tow(job, self.cycles, self.truths, complete=self.complete)
@@ -116,7 +116,7 @@ def write_tow_results(directory: Path, job: TowJob) -> None:
 
 
 def read_tow_key_figures(directory: Path) -> dict[str, Any]:
-    """Figures of a run, by name; empty where nothing was towed.
+    """Figures of a run, by name; empty if nothing was towed.
 
     Raises
     ------

@@ -20,7 +20,7 @@ from tjscan.towing.journal import TowCycle, TowTruth
 
 @dataclass(frozen=True, slots=True)
 class TowOutcome(trial.RunOutcome):
-    """Outcome of one tow of a study: the figures of `TowKeyFigures`, None where not known.
+    """Outcome of one tow of a study: the figures of `TowKeyFigures`, None if not known.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""The shape of a cable: as it lies, as it is wanted, and the limits it keeps; numbers alone."""
+"""The shape of a cable: estimated and planned, and the limits it keeps; numbers alone."""

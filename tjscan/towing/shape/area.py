@@ -23,7 +23,7 @@ class Floor:
     outline : ndarray, shape (n, 2)
         Corners in order, metres, either way round; the first is not repeated.
     pillars : tuple of ndarray, shape (m, 2)
-        Corners of what stands on the floor.
+        Corners of what is on the floor.
 
     Raises
     ------
@@ -41,7 +41,7 @@ class Floor:
 
 @dataclass(frozen=True, slots=True)
 class DiscObstacle:
-    """Something round that stands on the floor or moves over it.
+    """Something round that rests on the floor or moves over it.
 
     Parameters
     ----------

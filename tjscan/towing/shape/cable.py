@@ -1,6 +1,6 @@
 """The cable as a plane chain of rigid links, and the vehicles along it.
 
-Suzuki et al. (2022), IV-B. Angles are counter-clockwise; a link's pose is that of its far end, seen
+Suzuki et al. (2022), IV-B. Angles are counter-clockwise; a link's pose is its far end's, seen
 from the root, with the direction in which the link points.
 """
 
@@ -17,7 +17,7 @@ from tjscan.core.frames import Array
 
 @dataclass(frozen=True, slots=True)
 class Cable:
-    """A cable that is fixed at its root. The defaults are those of the paper, table I.
+    """A cable that is fixed at its root. The defaults are the paper's, table I.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def equally_spaced_links(links: int, vehicles: int, last: int | None = None) -> 
     vehicles : int
         The welder among them.
     last : int, optional
-        Links between the last towing vehicle and the welder; as many as others where left out.
+        Links between the last towing vehicle and the welder; as many as others if left out.
     """
     if last is not None:
         return (*equally_spaced_links(links - last, vehicles - 1), links - 1)

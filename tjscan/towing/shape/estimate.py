@@ -1,4 +1,4 @@
-"""The cable's shape now, from the vehicles' poses: that of least energy; and its pull there.
+"""The cable's shape now, from the vehicles' poses: the shape of least energy; and its pull there.
 
 Suzuki et al. (2022), IV-C, take the poses for exact, (1)-(4). Noise or slip then stretch the cable
 between two vehicles beyond its length, and no shape fits: here poses are known to a standard
@@ -208,7 +208,7 @@ def estimate_shape(
 ) -> CableEstimate:
     """Shape of the cable between vehicles at these poses.
 
-    The links between were moved from where they lay by least work, of bends and friction: that is
+    The links between were moved from where they were by least work, of bends and friction: that is
     Coulomb's, for a floor that gives way by `PRESLIDING_DISPLACEMENT` first. So its holding force
     lasts from one estimate to the next, however little a link moves.
 
@@ -363,18 +363,18 @@ class CablePull:
 
 
 def pull_on_welder(
-    cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseAccuracy
+    cable: Cable, held_links: Sequence[int], now: CableEstimate, poses: Array, trust: PoseAccuracy
 ) -> CablePull | None:
-    """The cable's pull at the welder; None if its pose or that of the vehicle before is unknown.
+    """The cable's pull at the welder; None if its pose or the one of the vehicle before is unknown.
 
     The force is what holds the last of the estimated links at its pose, so that of bends and
     friction together.
     """
     if len(held_links) < 2 or not np.isfinite(poses[-2:]).all():
         return None
-    problem = energy_problem_arrays(cable, held_links, poses, trust, lies)
-    stiffness = cable.bending_stiffness * _pull_stiffness(lies.angles, problem)
-    places = cable.poses(lies.angles)[:, :2]
+    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
+    stiffness = cable.bending_stiffness * _pull_stiffness(now.angles, problem)
+    places = cable.poses(now.angles)[:, :2]
     force = cable.bending_stiffness / trust.position_sd**2 * (places[-1] - poses[-1, :2])
     link = held_links[-2]
     return CablePull(force, stiffness, link, places[link], trust.position_sd)
@@ -404,7 +404,7 @@ def _pull_stiffness(angles: Array, problem: EstimateArrays) -> Array:
 
 
 def angle_deviations(
-    cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseAccuracy
+    cable: Cable, held_links: Sequence[int], now: CableEstimate, poses: Array, trust: PoseAccuracy
 ) -> Array:
     """Standard deviations of the estimated joint angles, radians, shape (N,).
 
@@ -415,10 +415,10 @@ def angle_deviations(
     ----------
     cable, held_links, poses, trust
         As of `estimate_shape`.
-    lies : CableEstimate
+    now : CableEstimate
     """
-    problem = energy_problem_arrays(cable, held_links, poses, trust, lies)
-    return np.sqrt(_angle_variances(lies.angles, problem))
+    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
+    return np.sqrt(_angle_variances(now.angles, problem))
 
 
 @compiled
@@ -456,7 +456,7 @@ def _angle_variances(angles: Array, problem: EstimateArrays) -> Array:
 
 
 def cable_forces(
-    cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseAccuracy
+    cable: Cable, held_links: Sequence[int], now: CableEstimate, poses: Array, trust: PoseAccuracy
 ) -> tuple[Array, Array]:
     """Forces of the cable on the vehicles, and the tension along it.
 
@@ -466,7 +466,7 @@ def cable_forces(
     ----------
     cable, held_links, poses, trust
         As of `estimate_shape`.
-    lies : CableEstimate
+    now : CableEstimate
 
     Returns
     -------
@@ -475,10 +475,10 @@ def cable_forces(
     tension : ndarray, shape (N,)
         In each link, newton; negative if it is pushed together.
     """
-    problem = energy_problem_arrays(cable, held_links, poses, trust, lies)
+    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
     links, parts = np.empty((cable.links, 5)), chain.new_chain_derivatives(cable.links)
-    place_links(lies.angles, problem.root, problem.length, links)
-    cable_energy(lies.angles, problem, links, parts)
+    place_links(now.angles, problem.root, problem.length, links)
+    cable_energy(now.angles, problem, links, parts)
     inner = np.cumsum(parts.point[::-1, :2], axis=0)[::-1]  # of all that is beyond a link
     off = links[list(held_links), :2] - poses[:, :2]
     forces = cable.bending_stiffness / trust.position_sd**2 * off

@@ -1,4 +1,4 @@
-"""The shape where a limit is near: sequential quadratic programs, solved by ProxQP.
+"""The shape near a limit: sequential quadratic programs, solved by ProxQP.
 
 A slack that is punished exactly keeps every program soluble. What of it remains at the end is how
 far the limits can't be kept: such a shape is never sent.

@@ -15,7 +15,7 @@ def factorise_shifted(
 ) -> bool:
     """Factor of a chain's Hessian with a shift added to its diagonal; False if it is not convex.
 
-    A link's end and heading follow from those of the link before and from its joint's turn alone.
+    A link's end and heading follow from the link before and from its joint's turn alone.
     So joints are eliminated one by one, from the tip on, as of a linear-quadratic regulator: what
     is beyond a link depends on three numbers, its end and its heading.
 
@@ -162,7 +162,7 @@ def weigh_constraint_squares(rows: Array, diagonal: Array) -> float:
     """Weight with which A'A, of the constraints' rows A, is added to a Hessian of that diagonal.
 
     That leaves the step what it is, as A d is fixed, and makes convex what can be: the Hessian
-    then needs to be convex only along the constraints. The diagonal is that of the sum afterwards.
+    then needs to be convex only along the constraints. The diagonal is the sum's afterwards.
     """
     level = 1e-300
     for e in range(len(rows)):

@@ -36,13 +36,13 @@ POSE_TOLERANCE: Final = 1e-6
 """Metres and radians within which fixed links must have their poses."""
 
 LEAST_POSE_MISS: Final = 1e-3
-"""Metres of a missed pose below which a limit that is broken, too, says more of what is wrong."""
+"""Metres of a missed pose below which a limit that is broken, too, shows better what is wrong."""
 
 LONGEST_LINK_STEP: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
 
-LARGEST_LYING_OVERLAP: Final = 0.01
-"""Metres by which the estimated cable may lie nearer to a body, or to itself, than a plan may bring
+LARGEST_ESTIMATE_OVERLAP: Final = 0.01
+"""Metres by which the estimated cable may be nearer to a body, or to itself, than a plan may bring
 it: between vehicles the floor holds it back from where it is planned."""
 
 NEAR_LIMIT: Final = 0.7
@@ -217,7 +217,7 @@ class CheckedShape:
         return self.off < POSE_TOLERANCE and self.margin > LEAST_KEPT_MARGIN
 
     def objection(self, estimate: Array, pressed: Sequence[str] = ()) -> str:
-        """Why it may not be sent to vehicles whose cable lies as estimated, or nothing.
+        """Why it may not be sent to vehicles whose cable is as estimated, or nothing.
 
         Parameters
         ----------
@@ -236,7 +236,7 @@ class CheckedShape:
             )
         here = self.limits.rows(estimate)
         near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
-        if worst_margin(near) < -LARGEST_LYING_OVERLAP:
+        if worst_margin(near) < -LARGEST_ESTIMATE_OVERLAP:
             return f"with the estimated cable, {self._worst_row(near)}"
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]

@@ -256,7 +256,7 @@ class ShapeProblem:
     period : float
         Seconds.
     pull : CablePull or None
-        At the welder; None where it is not known.
+        At the welder; None if it is not known.
     """
 
     cable: Cable

@@ -162,7 +162,7 @@ def _close_on_welder_pose(limits: LimitedProblem, angles: Array) -> bool:
 
 
 def _distinct_shapes(cable: Cable, shapes: list[Array], centres: list[Array]) -> list[Array]:
-    """Shapes of which none lies like one before it; the first on each side of everything first."""
+    """Shapes that differ from all before them; the first on each side of everything first."""
     sides: dict[tuple[int, ...], list[tuple[Array, Array]]] = {}
     for angles in shapes:
         line = cable.line(angles)

@@ -18,7 +18,7 @@ from tjscan.core.units import DEG_S, KG, MM, MM_S, MM_S2, NEWTON, SECONDS, Setti
 class CableModel:
     """A cable as a chain of rigid links with ball joints; Suzuki et al. (2022), III-A, table I.
 
-    Joint i lies at the near end of link i, seen from the root; a straight cable is free of stress.
+    Joint i is at the near end of link i, seen from the root; a straight cable is free of stress.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class CableModel:
         Where the cable is clamped: x and y, metres, and the direction of the first link at a
         first joint of no angle, radians. None leaves that end free.
     held : tuple of int
-        Links that the vehicles hold, from the root to the tip. A vehicle's origin lies at the far
+        Links that the vehicles hold, from the root to the tip. A vehicle's origin is at the far
         end of its link, and it heads as the link does. The last one is the welder.
 
     Raises
@@ -82,7 +82,7 @@ class CableModel:
 class TowingDriveModel(SettingsTable):
     """Bodies and drives of simulated towing vehicles, but for their radius and force.
 
-    Mass, height and grip are those of Suzuki et al. (2022), table II.
+    Mass, height and grip are from Suzuki et al. (2022), table II.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class TowingVehicleSettings(TowingDriveModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TowingVehicleModel(TowingDriveModel):
-    """A simulated towing vehicle; its radius is that of Suzuki et al. (2022), table II.
+    """A simulated towing vehicle; its radius is from Suzuki et al. (2022), table II.
 
     Parameters
     ----------

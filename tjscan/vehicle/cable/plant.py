@@ -93,7 +93,7 @@ class CablePlant:
         return np.vstack((near, tip))
 
     @property
-    def touches(self) -> set[tuple[str, str]]:
+    def touching_pairs(self) -> set[tuple[str, str]]:
         """What touches what, but for the floor, by name; a pair in alphabetical order."""
         pairs = self._data.contact.geom
         geom = self._model.geom
@@ -144,7 +144,7 @@ Coulomb's but for a creep that this leaves; docs/vehicles.md has how much."""
 
 FLOOR_CONTACT_TIME_CONSTANT: Final = 0.02
 FLOOR_CONTACT_IMPEDANCE: Final = (0.5, 0.5, 0.001, 0.5, 2.0)
-"""``solref`` and ``solimp`` of the floor: soft enough that links lie still on it. On a harder one
+"""``solref`` and ``solimp`` of the floor: soft enough that links rest on it. On a harder one
 they hop, friction works by jerks, and forces are wrong by half."""
 
 CABLE_HOLD_TIME_CONSTANT: Final = 0.01

@@ -207,7 +207,7 @@ class TowingWorld:
         self._jammed = np.zeros(self.vehicles, dtype=bool)
         self._pushed = np.zeros((self.vehicles, 3))
         self._push_ends = np.full(self.vehicles, -np.inf)
-        self._standing = np.zeros(len(model.passers_by), dtype=bool)
+        self._held_passers = np.zeros(len(model.passers_by), dtype=bool)
         # A passer-by walks by a clock of its own, which stops while it is held.
         self._walked = np.full(len(model.passers_by), time)
         self._asked, self._gone, self._began = 0.0, 0, time - settle
@@ -254,7 +254,7 @@ class TowingWorld:
             fault=JAMMED_WHEELS_FAULT if self._jammed[vehicle] else "",
         )
 
-    def stands(self, vehicle: int) -> bool:
+    def is_at_rest(self, vehicle: int) -> bool:
         """Whether a vehicle's wheels are commanded to rest, and do."""
         return not self._drives.wanted[vehicle].any()
 
@@ -264,7 +264,7 @@ class TowingWorld:
         discs = np.zeros((len(self.model.passers_by), 5))
         for which, passer_by in enumerate(self.model.passers_by):
             at, speed = passer_by.motion_at(self._walked[which])
-            if self._standing[which]:
+            if self._held_passers[which]:
                 speed = np.zeros(2)
             discs[which] = (*at, passer_by.radius, *speed)
         return discs
@@ -287,7 +287,7 @@ class TowingWorld:
             self._forces,
             self._most_push,
             self.passers_by,
-            tuple(sorted(f"{a} and {b}" for a, b in self._touched | plant.touches)),
+            tuple(sorted(f"{a} and {b}" for a, b in self._touched | plant.touching_pairs)),
         )
         self._reset_sums()
         return truth
@@ -303,9 +303,9 @@ class TowingWorld:
         self._pushed[vehicle] = (x / PUSH_DURATION, y / PUSH_DURATION, 0.0)
         self._push_ends[vehicle] = self.time + PUSH_DURATION
 
-    def hold_passer_by(self, which: int, stands: bool) -> None:
+    def hold_passer_by(self, which: int, stops: bool) -> None:
         """Hold a passer-by at its place, or let it walk on."""
-        self._standing[which] = stands
+        self._held_passers[which] = stops
 
     # How it goes on
 
@@ -322,11 +322,11 @@ class TowingWorld:
         )
         plant.advance(forces)
         self._gone += 1
-        touches = plant.touches
-        for which, stands in enumerate(self._standing):
+        touches = plant.touching_pairs
+        for which, stopped in enumerate(self._held_passers):
             # One that walks into something stops there: no floor could hold what it would push.
             met = any(f"passer-by {which + 1}" in pair for pair in touches)
-            self._walked[which] += 0.0 if stands or met else step
+            self._walked[which] += 0.0 if stopped or met else step
         self._place_passers_by()
         self._pushes += forces
         self._most_push = np.maximum(self._most_push, np.hypot(forces[:, 0], forces[:, 1]))

@@ -47,7 +47,7 @@ class MqttSettings(BrokerSettings):
     prefix : str
         Of the vehicle's topics, such as ``tjscan/vehicle/1``.
     dead_man : float
-        Seconds after the last command at which the vehicle is told to stop. It has the same limit
+        Seconds after the last command at which the vehicle must stop. It has the same limit
         of its own, so a longer one would mean nothing.
     connect_limit : float
         Seconds that a connection may take.

@@ -57,7 +57,7 @@ class CompiledProgram:
     Parameters
     ----------
     name : str
-        As it stands behind ``def``; empty for a single line.
+        As it follows ``def``; empty for a single line.
     beside : bool
         Whether it runs beside the program that runs already: ``sec`` in place of ``def``.
     functions : mapping

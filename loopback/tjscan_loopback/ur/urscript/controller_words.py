@@ -92,10 +92,10 @@ class ControllerWords:
             left -= self._host.tick
 
     def textmsg(self, s1: Any, s2: Any = "") -> None:
-        """Write into the log, which nobody reads here."""
+        """Write into the log, which is not kept here."""
 
     def popup(self, s: Any, title: Any = "", warning: Any = False, error: Any = False) -> None:
-        """Show a message on the pendant, of which there is none here."""
+        """Show a message on the pendant; there is none here."""
 
     # Registers and outputs
 
@@ -191,7 +191,7 @@ class ControllerWords:
     # Kinematics and limits
 
     def get_forward_kin(self, q: Any = None, tcp: Any = None) -> Pose:
-        """Pose of the TCP for joint angles; of the active one and as it stands, where left out."""
+        """Pose of the TCP for joint angles; of the active one, at its present pose, if left out."""
         T_b_f = self._host.kinematics.forward(self._host.q if q is None else six(q, "q"))
         return pose_of_matrix(T_b_f @ (self._T_f_tcp if tcp is None else pose_matrix(tcp, "tcp")))
 
@@ -221,7 +221,7 @@ class ControllerWords:
         return self._inverse(pose, qnear, tcp) is not None
 
     def get_jacobian(self, q: Any = None, tcp: Any = None) -> tuple[tuple[float, ...], ...]:
-        """Velocity of the TCP for unit joint speeds, six rows of six; as it stands if left out."""
+        """Velocity of the TCP for unit joint speeds, 6 by 6; at the present pose if left out."""
         q = self._host.q if q is None else six(q, "q")
         T_f_tcp = self._T_f_tcp if tcp is None else pose_matrix(tcp, "tcp")
         return tuple(numbers(row) for row in tool_jacobian(self._host.kinematics, q, T_f_tcp))

@@ -56,7 +56,7 @@ def point_dist(p_from: Any, p_to: Any) -> float:
 
 
 def interpolate_pose(p_from: Any, p_to: Any, alpha: Any) -> Pose:
-    """Pose between two others: `p_from` where alpha is 0, `p_to` where it is 1."""
+    """Pose between two others: `p_from` if alpha is 0, `p_to` if it is 1."""
     one, two, share = (
         pose_matrix(p_from, "p_from"),
         pose_matrix(p_to, "p_to"),

@@ -56,15 +56,15 @@ class ScriptHost(Protocol):
         ...
 
     def drive(self, speeds: SpeedDrive) -> None:
-        """Let the joints turn with a speed that is asked anew in each tick, until told else."""
+        """Let the joints turn with a speed that each tick asks for, until another command."""
         ...
 
     def let_go(self) -> None:
-        """Nobody commands the arm any more: unless somebody does in this tick, it comes to rest."""
+        """End the commands to the arm: unless one comes in this tick, it comes to rest."""
         ...
 
     def stop_instantly(self) -> None:
-        """Stand still at once."""
+        """Stop at once."""
         ...
 
     def protective_stop(self, reason: str = "") -> None:

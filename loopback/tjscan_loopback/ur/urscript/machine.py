@@ -27,7 +27,7 @@ class ProgramHalted(Exception):
 
 @dataclass(slots=True)
 class Frame:
-    """Variables that a function sees: its own, and those of the program.
+    """Variables that a function sees: its own and the program's.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class ScriptMachine:
     words : mapping
         The functions of the language, by name.
     thread_ended : callable
-        Is told the number of each thread that ends or is killed.
+        Receives the number of each thread that ends or is killed.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class ScriptMachine:
     # What compiled functions ask of it
 
     def at(self, line: int) -> bool:
-        """Note the line that is run; raises ScriptError where a tick never ends."""
+        """Note the line that is run; raises ScriptError if a tick never ends."""
         self._line = line
         self._steps += 1
         if self._steps > MOST_STEPS:
@@ -185,7 +185,7 @@ class ScriptMachine:
         raise ProgramHalted
 
     def _waiting(self, word: Run, line: int) -> Run:
-        """Wait for a word, as the line that it stands in."""
+        """Wait for a word, as the line that it is in."""
         while True:
             self._line = line
             try:

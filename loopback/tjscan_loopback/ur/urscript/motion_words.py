@@ -66,7 +66,7 @@ class MotionWords:
         }
 
     def thread_ended(self, number: int) -> None:
-        """Let go of the arm where the thread that ended moved it."""
+        """Let go of the arm if the thread that ended moved it."""
         if number == self._owner:
             self._host.let_go()
 
@@ -115,7 +115,7 @@ class MotionWords:
         """Pose that the last move went to."""
         return Pose(pose_vector.pose_to_vector(self._target).tolist())
 
-    # By speeds and by servo: until told else
+    # By speeds and by servo: until another command
 
     def speedj(self, qd: Any, a: Any, t: Any = 0) -> Iterator[None]:
         """Turn the joints with these speeds; for a time, or until they are reached."""
@@ -148,7 +148,7 @@ class MotionWords:
         lookahead_time: Any = 0.1,
         gain: Any = 300,
     ) -> Iterator[None]:
-        """Follow joint angles that are told again and again."""
+        """Follow joint angles that are commanded again and again."""
         goal, lookahead = six(q, "q"), _rate(lookahead_time, "lookahead_time")
         finite(gain, "gain"), finite(a, "a"), finite(v, "v")
         fastest = self._host.kinematics.velocity
@@ -159,7 +159,7 @@ class MotionWords:
         yield from self._drive(speeds, max(_time(t), self._host.tick), None)
 
     def servoc(self, target: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Iterator[None]:
-        """Follow poses that are told again and again, on straight lines."""
+        """Follow poses that are commanded again and again, on straight lines."""
         T, a, v = self._tool_pose(target), _rate(a, "a"), _rate(v, "v")
         finite(r, "r")
 

@@ -15,7 +15,7 @@ class ScriptError(Exception):
     message : str
         What is wrong.
     line : int
-        Counted from 1; 0 where it is in no line.
+        Counted from 1; 0 if it is in no line.
     """
 
     def __init__(self, message: str, line: int = 0) -> None:
@@ -32,7 +32,7 @@ class Token:
     kind : str
         number, text, pose (the beginning of one, ``p[``), name or sign; end after the last.
     text : str
-        As it stands there.
+        As it is written there.
     line : int
         Counted from 1.
     """
