@@ -237,7 +237,7 @@ def cycle_time() -> Row:
             state = cell.vehicle.next_state()
             profile = cell.laser.capture()
             with watch:
-                method.move(state.odometry, 0.01, Twist(0.0, 0.0))
+                method.move(state, 0.01, Twist(0.0, 0.0))
                 reading = reader.read(profile, 0.0)
                 method.read(-reading.centre, reading.centre_sigma)
                 method.turn_rate(0.005)

@@ -12,6 +12,7 @@ from crawls import SHORT
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.contradiction import ContradictionWatch
+from tjscan.crawler.joint_sections import shows_filled_joint
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
@@ -221,6 +222,19 @@ def test_a_picture_that_moved_and_shows_no_joint_is_a_knock() -> None:
     with pytest.raises(CrawlStopped, match=r"4\.0 mm to the left"):  # noqa: PT012
         for _ in range(10):
             watch.add(going, going, 0.01, groove(4e-3, rng), None)
+
+
+def test_a_joint_that_a_tack_fills_is_no_knock() -> None:
+    watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(1)
+    going, flat = Twist(8e-3, 0.0), Profile(np.linspace(-0.04, 0.04, 290), np.full(290, 0.149))
+    for _ in range(200):
+        watch.add(going, going, 0.01, groove(0.01, rng), 20e-6 * rng.standard_normal())
+    for _ in range(100):
+        noise = rng.uniform(-0.04, 0.0, 290) * np.repeat(rng.random(145) < 0.1, 2)
+        seen = replace(flat, z_s=flat.z_s + noise + 60e-6 * rng.standard_normal(290))
+        assert shows_filled_joint(seen)
+        assert not shows_filled_joint(groove(0.01, rng))
+        watch.add(going, going, 0.01, seen, None, filled=True)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9, 0.99])

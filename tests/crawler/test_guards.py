@@ -86,13 +86,24 @@ def test_a_joint_is_lost_after_a_way_or_a_time() -> None:
     found.watch_joint(0.001, 0.1, 0.01)  # seen again: it begins anew
     for _ in range(19):
         found.watch_joint(None, 0.1, 0.01)
-    with pytest.raises(CrawlStopped, match="not seen for"):
+    with pytest.raises(CrawlStopped, match=r"not seen for 20 mm.*If it ends there, put plates on"):
         found.watch_joint(None, 0.1, 0.011)
     standing = guards()
     for _ in range(19):
         standing.watch_joint(None, 0.0, 0.1)
     with pytest.raises(CrawlStopped):
         standing.watch_joint(None, 0.0, 0.11)
+
+
+def test_it_goes_on_along_a_joint_that_a_tack_fills_but_not_for_long() -> None:
+    found = guards()
+    for _ in range(59):
+        found.watch_joint(None, 0.005, 0.2, filled=True)
+    found.watch_joint(0.001, 0.005, 0.2)
+    for _ in range(59):
+        found.watch_joint(None, 0.005, 0.2, filled=True)
+    with pytest.raises(CrawlStopped, match="not seen for 61 mm"):
+        found.watch_joint(None, 0.005, 0.4, filled=True)
 
 
 @pytest.mark.parametrize(

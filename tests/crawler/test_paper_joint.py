@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.crawler.paper_joint import polygon_barycentre, read_joint_as_paper
+from tjscan.crawler.paper_joint import PaperJointReader, polygon_barycentre, read_joint_as_paper
 from tjscan.joint.hull import HullJoint
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose
@@ -44,6 +44,15 @@ def test_clean_profile_is_read_to_a_column(offset: float) -> None:
     np.testing.assert_allclose(found.edges[:, 0], (-15e-3 - offset, 15e-3 - offset), atol=1.5e-3)
     other = read_joint_as_paper(mirrored(profile))
     np.testing.assert_allclose(other.barycentre * (-1, 1), found.barycentre, atol=1e-9)
+
+
+def test_the_papers_method_takes_the_barycentre_for_the_joint() -> None:
+    pose = SectionLaserPose(offset=2e-3)
+    profile = see(HullJoint(), np.random.default_rng(0), EXACT, pose)
+    placement = PaperJointReader().read(profile, 0.0)
+    assert placement.centre == read_joint_as_paper(profile).barycentre[0]
+    assert placement.hull_z == pytest.approx(profile.z_s.min(), abs=0.5e-3)
+    assert placement.roll == pytest.approx(0.0, abs=0.03)
 
 
 def errors(joint: HullJoint, model: SectionLaserModel) -> Array:

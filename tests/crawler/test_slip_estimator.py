@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
+from tjscan.crawler.slip_aware import OdometryFilter
 from tjscan.crawler.slip_estimator import (
     SETTLING_LENGTH,
     STATE_COUNT,
@@ -16,9 +17,13 @@ from tjscan.crawler.slip_estimator import (
     laser_offset,
     propagate_state,
 )
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.vehicle import Twist
 
 GEOMETRY = CrawlerGeometry(0.5, 0.0)
 UNSURE = SlipUncertainty()
+TRACKS = TrackGeometry()
+GYRO_BIAS = 0.7e-3
 SIGMA = 0.015e-3
 PERIOD = 0.05
 
@@ -159,3 +164,58 @@ def test_a_reversal_leaves_what_slip_is_off_by_for_now_unknown() -> None:
     )
     assert after.x[UNSTEADY] == pytest.approx(0.0)
     np.testing.assert_allclose(after.x[2:8], before.x[2:8])
+
+
+def follow_straight_joint(
+    efficiency: float, delay: int = 0, ripple: float = 0.0, inertial: bool = False
+) -> tuple[SlipEstimator, float]:
+    """An estimator, and how far its heading is off, after a way out, back and out in waves.
+
+    The truth turns as the tracks did `delay` periods before, and its left chain ripples.
+    """
+    rng, odometry_filter = np.random.default_rng(5), OdometryFilter(TRACKS)
+    estimator = SlipEstimator(GEOMETRY, SlipEstimate.before_any_reading(UNSURE), UNSURE)
+    truth = np.zeros(STATE_COUNT)
+    truth[SlipStateIndex.YAW_EFFICIENCY] = efficiency
+    turns, way = [0.0] * (delay + 1), 0.0
+    for k in range(3000):
+        speed = -0.02 if 1000 <= k < 2000 else 0.02
+        turns.append(4e-3 * np.sign(np.sin(2 * np.pi * k / 400)))
+        way += (speed + turns[-1] * TRACKS.gauge / 2) * 0.02
+        own = ripple * np.cos(2 * np.pi * way / TRACKS.pad_pitch) * speed / TRACKS.gauge
+        before = truth[SlipStateIndex.HEADING]
+        truly = TrackOdometry(speed, turns[-1 - delay] + own, 0.02)
+        truth, _ = propagate_state(truth, truly, GEOMETRY)
+        shown = Twist(speed, turns[-1])
+        estimator.move(odometry_filter.smooth(shown, 0.02, shown))
+        estimator.read(laser_offset(truth, GEOMETRY)[0] + 20e-6 * rng.standard_normal(), SIGMA)
+        if inertial:
+            heading = truth[SlipStateIndex.HEADING]
+            rate = (heading - before) / 0.02 + GYRO_BIAS
+            noise = rng.standard_normal(2) * (UNSURE.gyro / np.sqrt(0.02), UNSURE.down)
+            estimator.read_inertial([rate + noise[0]], [1.5 - heading + noise[1]], 0.02)
+    return estimator, estimator.estimate.x[SlipStateIndex.HEADING] - truth[SlipStateIndex.HEADING]
+
+
+def test_it_learns_by_how_much_the_tracks_turn_later_than_their_odometry() -> None:
+    estimator, off = follow_straight_joint(0.6, delay=4)
+    known = estimator.estimate
+    assert known.x[SlipStateIndex.ODOMETRY_DELAY] == pytest.approx(0.08, abs=0.01)
+    assert known.x[SlipStateIndex.DRIFT] == pytest.approx(0.0, abs=1e-3)
+    assert abs(off) < 4 * known.sigma(SlipStateIndex.HEADING)
+
+
+def test_it_learns_the_ripple_of_a_chain() -> None:
+    estimator, _ = follow_straight_joint(0.6, ripple=0.02)
+    known = estimator.estimate
+    assert known.x[SlipStateIndex.LEFT_RIPPLE_COSINE] == pytest.approx(0.02, rel=0.2)
+    assert known.x[SlipStateIndex.RIGHT_RIPPLE_COSINE] == pytest.approx(0.0, abs=0.004)
+
+
+def test_inertial_sensors_make_the_heading_surer_and_their_bias_is_learned() -> None:
+    (without, _), (known, off) = (follow_straight_joint(0.6, inertial=one) for one in (False, True))
+    heading, bias = SlipStateIndex.HEADING, SlipStateIndex.GYRO_BIAS
+    assert known.estimate.sigma(heading) < 0.9 * without.estimate.sigma(heading)
+    assert abs(off) < 4 * known.estimate.sigma(heading)
+    assert known.estimate.x[bias] == pytest.approx(GYRO_BIAS, abs=0.1e-3)
+    assert known.estimate.x[SlipStateIndex.JOINT_DOWN] == pytest.approx(1.5, abs=2e-3)

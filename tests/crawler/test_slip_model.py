@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_aware import OdometryFilter
 from tjscan.crawler.slip_estimator import (
+    ODOMETRY_STATES,
     SETTLING_LENGTH,
     STATE_COUNT,
     CrawlerGeometry,
@@ -34,6 +35,11 @@ states = st.tuples(
     st.floats(-0.2, 0.2),
     st.floats(-0.05, 0.05),
     st.floats(-0.1, 0.1),
+    st.floats(-0.05, 0.05),
+    st.floats(-0.1, 0.1),
+    *5 * [st.floats(-0.01, 0.01)],
+    st.floats(-0.01, 0.01),
+    st.floats(-3.0, 3.0),
     st.floats(-0.01, 0.01),
     st.floats(-0.02, 0.02),
 ).map(np.array)
@@ -43,8 +49,9 @@ odometries = st.builds(
     st.sampled_from([-5e-3, -1e-3, 1e-3, 4e-3]),
     st.floats(0.005, 0.05),
     st.floats(-0.5, 0.5),
+    turn_rate_parts=st.tuples(*5 * [st.floats(-0.05, 0.05)]),
 )
-MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, 1, -1, -1])
+MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, 1, 1, *5 * [-1], 1, *4 * [-1]])
 """A mirror image of vehicle, joint and slip: what is to the right comes to the left."""
 
 
@@ -62,7 +69,8 @@ def test_the_derivative_of_a_step_is_that_of_finite_differences(
     x: Array, odometry: TrackOdometry
 ) -> None:
     drift = x[SlipStateIndex.DRIFT] + x[SlipStateIndex.UNSTEADY_DRIFT]
-    turn = x[SlipStateIndex.YAW_EFFICIENCY] * odometry.turn_rate + drift * odometry.speed
+    tracks = odometry.turn_rate + x[ODOMETRY_STATES] @ odometry.turn_rate_parts
+    turn = x[SlipStateIndex.YAW_EFFICIENCY] * tracks + drift * odometry.speed
     if abs(turn) < 1e-5:
         return  # |turn| has a corner there
     _, F = propagate_state(x, odometry, GEOMETRY)
@@ -79,7 +87,13 @@ def test_the_derivative_of_a_reading_is_that_of_finite_differences(x: Array) -> 
 
 @given(states, odometries)
 def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometry) -> None:
-    mirrored = replace(odometry, turn_rate=-odometry.turn_rate, recent_turn=-odometry.recent_turn)
+    parts = (*odometry.turn_rate_parts[:4], -odometry.turn_rate_parts[4])
+    mirrored = replace(
+        odometry,
+        turn_rate=-odometry.turn_rate,
+        recent_turn=-odometry.recent_turn,
+        turn_rate_parts=parts,
+    )
     after, _ = propagate_state(x, odometry, GEOMETRY)
     image, _ = propagate_state(MIRROR * x, mirrored, GEOMETRY)
     np.testing.assert_allclose(image, MIRROR * after, atol=1e-15)
@@ -87,7 +101,7 @@ def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometr
 
 
 def observability(speeds: list[float]) -> Array:
-    """Rows of how each reading depends on the state at first, shape (n, 11)."""
+    """Rows of how each reading depends on the state at first, shape (n, 20)."""
     x = np.zeros(STATE_COUNT)
     x[SlipStateIndex.YAW_EFFICIENCY] = 0.8
     onward, rows = np.eye(STATE_COUNT), []

@@ -19,7 +19,7 @@ from tjscan.live.page import HELD_BUTTON_RATE, Button, Page, PageAddress
 from tjscan.live.step import SceneSetup
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.runs.live.crawl import BUTTON_HOLD_LIFETIME, LEAST_DRIVE_ORDER_INTERVAL, PageHandDrive
-from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME, Twist
+from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME, Twist, VehicleState
 
 SPEED, CURVATURE = 0.02, 0.125
 FORWARD = "Hold: forward"
@@ -148,7 +148,7 @@ def test_driven_by_hand_it_forgets_where_it_was_and_not_how_it_slips(tmp_path: P
         first, at_first = method.torch, method.slip
         for _ in range(20):
             method.read(0.01, 1e-4)
-            method.move(Twist(SPEED, 0.002), 0.01, Twist(SPEED, 0.002))
+            method.move(VehicleState(0.0, Twist(SPEED, 0.002)), 0.01, Twist(SPEED, 0.002))
         assert method.torch != first
         method.forget_place()
         assert replace(method.torch, sigma=0.0) == replace(first, sigma=0.0)

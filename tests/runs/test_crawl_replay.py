@@ -75,7 +75,8 @@ def interrupted_crawl(folder: Path, text: str) -> CrawlContext:
 
 def crawl_in_two_parts(folder: Path, method: str, place: float | None = None) -> Path:
     """Crawl, be interrupted, and go on: what was known then begins the second part."""
-    context = interrupted_crawl(folder, f'method = "{method}"\n{JOB}')
+    light = "[simulation]\narc_points_percent = 0\n" if method == "paper" else ""
+    context = interrupted_crawl(folder, f'method = "{method}"\n{JOB}{light}')
     resume_crawl(context, overlap=0.005, place=place)
     return context.job_file.parent
 

@@ -1,6 +1,7 @@
 """The simulated vehicle and the replayed one, behind the protocol."""
 
 import threading
+from dataclasses import replace
 from math import inf, nan
 
 import numpy as np
@@ -11,11 +12,13 @@ from hypothesis import strategies as st
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError, VehicleFault, VehicleLinkLost, VehicleStopped
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverInputs
+from tjscan.vehicle.pad_plant import PadSettings
 from tjscan.vehicle.replay import ReplayedVehicle
 from tjscan.vehicle.simulated import SimulatedVehicle
 from tjscan.vehicle.simulated_body import (
     VEHICLE_STATE_PERIOD,
     DriveSettings,
+    InertialSettings,
     ProximitySettings,
     SimulatedBody,
     VehicleSimulationSettings,
@@ -199,6 +202,36 @@ def test_a_recording_is_replayed_in_its_order_whatever_is_commanded() -> None:
             replayed.command(AT_REST)
     with pytest.raises(VehicleFault), ReplayedVehicle([]):
         pass
+
+
+def test_inertial_sensors_show_how_it_truly_turns_and_disturb_nothing_else() -> None:
+    exact = InertialSettings(gyro_noise=0.0, gyro_bias=0.0, down_noise=0.0, down_bias=0.0)
+    pads = PadSettings(down=1.2)
+    found = []
+    for inertial in (None, exact):
+        with vehicle(slip=SlipSettings(ratio=0.2), pads=pads, inertial=inertial) as simulated:
+            found.append(run(simulated, 1.0, Twist(0.05, 0.1)))
+            heading = simulated.body.plant.pose_w[2]
+    plain, states = found
+    assert [replace(state, gyro=(), down=()) for state in states] == plain
+    assert not any(state.gyro or state.down for state in plain)
+    turned = sum(rate for state in states for rate in state.gyro) * VEHICLE_STATE_PERIOD
+    assert turned == pytest.approx(heading)
+    assert states[-1].down == pytest.approx((1.2 - heading,))
+    assert merge_unread_states(states[:2]).gyro == pytest.approx(
+        ((states[0].gyro[0] + states[1].gyro[0]) / 2,)
+    )
+
+
+def test_an_inclinometer_shows_nothing_on_a_floor_and_gyros_are_biased() -> None:
+    settings = {"inertial": InertialSettings(), "pads": PadSettings(inclination=0.0)}
+    with vehicle(1, **settings) as simulated:
+        states = run(simulated, 2.0)
+    rates = [state.gyro[0] for state in states]
+    assert not any(state.down for state in states)
+    own = InertialSettings()
+    assert 0.1 * own.gyro_bias < abs(np.mean(rates)) < 3 * own.gyro_bias
+    assert np.std(rates) == pytest.approx(own.gyro_noise / np.sqrt(VEHICLE_STATE_PERIOD), rel=0.2)
 
 
 def test_of_states_that_nobody_read_the_last_is_given_with_the_way_of_all() -> None:

@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 from tjscan.vehicle.mqtt.wire import BadMessage, CommandMessage, MessageGate, StateMessage
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
-STATE = VehicleState(1.5, Twist(0.02, -0.01), (1.0, -2.0), (0.03, inf, 0.031, 0.03), "hot")
+STATE = VehicleState(
+    *(1.5, Twist(0.02, -0.01), (1.0, -2.0), (0.03, inf, 0.031, 0.03), "hot"),
+    gyro=(-0.004,),
+    down=(1.57,),
+)
 MESSAGE = StateMessage.of_state(STATE, session="abcd", number=7, time=2.0, commander="me")
 KEYS = tuple(json.loads(MESSAGE.to_json()))
 

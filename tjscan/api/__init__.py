@@ -141,11 +141,8 @@ def calibrate(
     """
     from tjscan.calibration.hand_eye import calibrate_on_targets
     from tjscan.calibration.noise import NoiseModel
-    from tjscan.calibration.recorded import see_targets
-    from tjscan.calibration.targets.ball import SphereTarget
-    from tjscan.calibration.targets.plane import PlaneTarget, fit_plane
-    from tjscan.calibration.targets.roof import UnknownRoof
-    from tjscan.calibration.targets.target import PosedProfile
+    from tjscan.calibration.recorded import TARGET_KINDS, see_target
+    from tjscan.calibration.targets.target import PosedProfile, TargetStatement
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):
@@ -156,19 +153,15 @@ def calibrate(
     for name in noise or {}:
         _check_word("noise", name, [field.name for field in fields(NoiseModel)])
     model = NoiseModel(**(noise or {}))
-    board: PlaneTarget | SphereTarget | UnknownRoof | None = None
-    if target == "sphere":
-        board = SphereTarget(radius)
-    elif target == "roof":
-        board = UnknownRoof()
-    elif touched is not None:
-        board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(0), geometry=model.geometry)
+    kind = "ball" if target == "sphere" else target
+    stated = TargetStatement(poses[:, :3, 3].mean(0), radius, touched)
+    found = TARGET_KINDS[kind].target(stated, model)
     posed = [
         PosedProfile(f"profile {k}", T, _profile_from_points(points))
         for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)
     ]
-    targets = see_targets([(posed, board)], model, _log_rejected_profiles)
-    return calibrate_on_targets(targets, model, check_conventions=True)
+    seen = see_target(kind, posed, found, model, _log_rejected_profiles)
+    return calibrate_on_targets([seen], model, check_conventions=True)
 
 
 def compare(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from tjscan.calibration.arm.calibrate import (
     as_hand_eye_calibration,
     calibrate_arm,
 )
-from tjscan.calibration.closed_form import PluckerPlane
 from tjscan.calibration.file import BasisEntry, views_of_poses
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
@@ -24,18 +23,19 @@ from tjscan.calibration.recorded_settings import RecordedSettings
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import fit_line
-from tjscan.calibration.targets.plane import (
-    PlaneTarget,
-    SeenBoard,
-    fit_plane,
-    plane_stated_beforehand,
+from tjscan.calibration.targets.plane import SeenBoard, plane_of_statement
+from tjscan.calibration.targets.roof import SeenRoof, fit_roof
+from tjscan.calibration.targets.target import (
+    PosedProfile,
+    SeenTarget,
+    TargetStatement,
+    fit_profiles,
 )
-from tjscan.calibration.targets.roof import SeenRoof, UnknownRoof, fit_roof
-from tjscan.calibration.targets.target import PosedProfile, SeenTarget, fit_profiles
-from tjscan.core.errors import CalibrationRefused, ConfigurationError
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
+from tjscan.laser.profile import Profile
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
@@ -47,11 +47,31 @@ MAX_RECORDED_POSE_ERROR: Final = 0.005
 Report = Callable[[str], None]
 """Receives a message."""
 
-RecordedTarget = PlaneTarget | SphereTarget | UnknownRoof | None
-"""A board, a ball or a roof edge; None for a board at an unknown place."""
 
-RecordedSet = tuple[Sequence[PosedProfile], RecordedTarget]
-"""Recorded profiles of one target, with their poses."""
+class TargetKind(NamedTuple):
+    """A kind of target.
+
+    Parameters
+    ----------
+    fit : callable
+        Fits the target's curve to a profile; raises CalibrationRefused if it holds none.
+    see : callable
+        Makes the `SeenTarget` of fits, the target as stated, and the noise.
+    target : callable
+        Makes the target of what is stated of it, and the noise; None if it is all unknown.
+    """
+
+    fit: Callable[[Profile, NoiseModel], Any]
+    see: Callable[[Sequence[Any], Any, NoiseModel], SeenTarget[Any]]
+    target: Callable[[TargetStatement, NoiseModel], Any]
+
+
+TARGET_KINDS: Final[Mapping[str, TargetKind]] = {
+    "plane": TargetKind(fit_line, SeenBoard, plane_of_statement),
+    "ball": TargetKind(fit_circle, SeenBall, lambda stated, noise: SphereTarget(stated.radius)),
+    "roof": TargetKind(fit_roof, lambda fits, _, noise: SeenRoof(fits, noise), lambda *_: None),
+}
+"""Each kind of target by its name in a job."""
 
 
 def calibrate_recorded_sets(
@@ -94,7 +114,7 @@ def calibrate_recorded_sets(
         left_out.append(message)
 
     kinds = [table.kind for table in tables]
-    sets: list[RecordedSet] = []
+    sets: list[tuple[str, list[PosedProfile], Any]] = []
     read_as: list[str] = []
     for k, table in enumerate(tables):
         shots, convention = _read_profile_set(table, folder, report, leave_out)
@@ -103,11 +123,14 @@ def calibrate_recorded_sets(
             several = kinds.count(kinds[k]) > 1
             prefix = f"{kinds[k]} {kinds[: k + 1].count(kinds[k])}," if several else kinds[k]
             shots = [replace(shot, name=f"{prefix} {shot.name}") for shot in shots]
-        sets.append((shots, _target_of_set(table, shots, noise, folder)))
-    shots = [shot for profiles, _ in sets for shot in profiles]
+        flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
+        touched = table.touched and pose_files.read_points_in_base_frame(folder / table.touched)
+        stated = TargetStatement(flange_b, table.radius, touched, table.plane)
+        sets.append((table.target, shots, TARGET_KINDS[table.target].target(stated, noise)))
+    shots = [shot for _, profiles, _ in sets for shot in profiles]
     if kinematics is not None:  # checked before anything is solved
         _check_joint_angles(shots, kinematics)
-    targets = see_targets(sets, noise, leave_out)
+    targets = [see_target(*one, noise, leave_out) for one in sets]
     result = calibrate_on_targets(
         targets, noise, sensor_is_fixed=sensor_is_fixed, check_conventions=True
     )
@@ -138,53 +161,32 @@ def _read_profile_set(
     return pose_files.pair_profiles_with_poses(read.profiles, found, poses), found.convention
 
 
-def _target_of_set(
-    table: RecordedSettings, shots: Sequence[PosedProfile], noise: NoiseModel, folder: Path
-) -> RecordedTarget:
-    """The target of a set; a board is seen from the side of the flange."""
-    if table.target == "roof":
-        return UnknownRoof()
-    if table.target == "ball":
-        return SphereTarget(table.radius)
-    flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
-    if table.touched is not None:
-        points = pose_files.read_points_in_base_frame(folder / table.touched)
-        return fit_plane(points, noise.touch, flange_b, geometry=noise.geometry)
-    if table.plane is None:
-        return None
-    plane = PluckerPlane(np.array(table.plane[:3]), 1e-3 * table.plane[3])
-    return plane_stated_beforehand(plane, flange_b, noise.touch, geometry=noise.geometry)
-
-
-def see_targets(
-    sets: Sequence[RecordedSet], noise: NoiseModel, report: Report
-) -> list[SeenTarget[Any]]:
-    """Fit the line, arc or edge of every recorded profile.
+def see_target(
+    kind: str,
+    shots: Sequence[PosedProfile],
+    target: Any,
+    noise: NoiseModel,
+    report: Report,
+) -> SeenTarget[Any]:
+    """Fit the line, arc or edge of every profile of a target.
 
     Parameters
     ----------
-    sets : sequence of (sequence of PosedProfile, target)
-        Profiles of the same sensor on the same arm, and their target.
+    kind : str
+        A key of `TARGET_KINDS`.
+    shots : sequence of PosedProfile
+        Profiles of the same sensor on the same arm.
+    target : object
+        As the kind's `target` made it.
     noise : NoiseModel
         Errors of profiles and poses.
     report : callable
         Receives a message about each profile that holds no line, arc or edge.
     """
-    targets: list[SeenTarget[Any]] = []
-    unread: dict[str, CalibrationRefused]
-    for shots, target in sets:
-        if isinstance(target, SphereTarget):
-            arcs, unread = fit_profiles(shots, fit_circle, noise)
-            targets.append(SeenBall(arcs, target, noise))
-        elif isinstance(target, UnknownRoof):
-            roofs, unread = fit_profiles(shots, fit_roof, noise)
-            targets.append(SeenRoof(roofs, noise))
-        else:
-            lines, unread = fit_profiles(shots, fit_line, noise)
-            targets.append(SeenBoard(lines, target, noise))
-        for name, refusal in unread.items():
-            report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
-    return targets
+    fits, unread = fit_profiles(shots, TARGET_KINDS[kind].fit, noise)
+    for name, refusal in unread.items():
+        report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
+    return TARGET_KINDS[kind].see(fits, target, noise)
 
 
 def _calibrate_arm(

@@ -294,6 +294,8 @@ class ContradictionWatch:
         period: float,
         profile: Profile,
         surprise: float | None,
+        *,
+        filled: bool = False,
     ) -> None:
         """Take in a cycle.
 
@@ -307,6 +309,8 @@ class ContradictionWatch:
         surprise : float or None
             How far the reading is off from what the estimate expected, metres, as far as the
             estimate's own uncertainty does not explain it; None if there is none.
+        filled : bool, optional
+            Whether the picture shows even steel: it can't show whether it moved.
 
         Raises
         ------
@@ -318,7 +322,8 @@ class ContradictionWatch:
         self._pictures.add(profile, way)
         self._unseen_way += way
         if surprise is None:
-            self._check_unread(profile)
+            if not filled:
+                self._check_unread(profile)
             return
         self._surprises.append(surprise)
         sudden, lasting = self._readings.add(surprise, way)

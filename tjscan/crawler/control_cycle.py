@@ -11,6 +11,7 @@ from typing import Final, Protocol
 from tjscan.core.errors import CrawlStopped, GrooveNotFound
 from tjscan.crawler.contradiction import ContradictionWatch
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.joint_sections import shows_filled_joint
 from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import TORCH_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
@@ -241,7 +242,7 @@ class ControlCycle:
             method.forget_place()
         else:
             if period > 0:
-                method.move(state.odometry, period, twist)
+                method.move(state, period, twist)
             self.travel += state.odometry.speed * period
 
         profile, reading = self.joint.look(self.travel)
@@ -259,16 +260,18 @@ class ControlCycle:
         self._journal.record(cycle)
         if self.arc:
             self._tracer.add(self.number, self.travel, torch_y - path)
+        filled = reading is None and shows_filled_joint(profile)
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:
-            self._watch.add(twist, state.odometry, period, profile, surprise)
+            self._watch.add(twist, state.odometry, period, profile, surprise, filled=filled)
         if self.phase is not Phase.MANUAL:
             self._guards.watch_joint(
                 None if reading is None else d,
                 state.odometry.speed,
                 period,
                 estimated=method.laser if self.all_welded else None,
+                filled=filled,
             )
         return period, reading is not None
 

@@ -127,7 +127,7 @@ class Guards:
         self, settings: GuardSettings, proximity: ProximityFilter, corners: ProximitySensorPlaces
     ) -> None:
         self._settings, self._proximity, self._corners = settings, proximity, corners
-        self._blind_travel = self._blind_time = 0.0
+        self._blind_travel = self._blind_time = self._filled_travel = 0.0
         self._without_sample = self._stalled = 0.0
 
     def watch_vehicle(self, state: VehicleState, period: float = 0.0) -> None:
@@ -193,7 +193,13 @@ class Guards:
             )
 
     def watch_joint(
-        self, d: float | None, speed: float, period: float, estimated: OffsetEstimate | None = None
+        self,
+        d: float | None,
+        speed: float,
+        period: float,
+        estimated: OffsetEstimate | None = None,
+        *,
+        filled: bool = False,
     ) -> None:
         """Look at a reading of the joint, or at there being none.
 
@@ -208,6 +214,8 @@ class Guards:
         estimated : OffsetEstimate, optional
             The estimated place of the laser, if nothing is left to weld: the joint need not
             be seen then as long as it surely lies within the laser's line.
+        filled : bool, optional
+            Whether the laser shows even steel from plate to plate: a tack that fills the joint.
 
         Raises
         ------
@@ -218,13 +226,28 @@ class Guards:
         if d is None and estimated is not None and estimated.surely_within(settings.field):
             return
         if d is None:
-            self._blind_travel += abs(speed) * period
-            self._blind_time += period
-            if self._blind_travel > settings.blind_travel or self._blind_time > settings.blind_time:
-                blind = f"{1e3 * self._blind_travel:.0f} mm and {self._blind_time:.1f} s"
-                raise CrawlStopped("joint lost", f"the joint was not seen for {blind}")
+            way = abs(speed) * period
+            if filled:
+                self._filled_travel += way
+            else:
+                self._blind_travel += way
+                self._blind_time += period
+            if (
+                self._blind_travel > settings.blind_travel
+                or self._blind_time > settings.blind_time
+                or self._filled_travel > settings.filled_travel
+            ):
+                unseen = self._blind_travel + self._filled_travel
+                blind = f"{1e3 * unseen:.0f} mm and {self._blind_time:.1f} s"
+                raise CrawlStopped(
+                    "joint lost",
+                    f"the joint was not seen for {blind}. If it ends there, put plates on that "
+                    "prolong it by what the laser is ahead of the torch, or make "
+                    "alignment.length_mm, weld.run_up_mm or weld.length_m shorter; if something "
+                    "hides it, take that away, or allow more in guards.blind_travel_mm",
+                )
             return
-        self._blind_travel = self._blind_time = 0.0
+        self._blind_travel = self._blind_time = self._filled_travel = 0.0
         if abs(d) > settings.field:
             raise CrawlStopped(
                 "joint at the edge",

@@ -32,6 +32,10 @@ HEIGHT_CHANGE, CHANGED_SHARE = 0.3e-3, 0.1
 """Another place, or another joint, is off by more metres in more than this share of the section:
 five times the noise of one point of the paper's sensor."""
 
+MOST_UNEVENNESS_WHEN_FILLED, WIDEST_LIGHT = 2e-3, 6e-3
+"""Metres off the hull, more than crown and high-low, by which a filled joint may be; and how far
+its level places may be from one another: the light of an arc is not as wide as a groove."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LastView:
@@ -154,6 +158,17 @@ def section_histories(
         if height is not None:
             heights.setdefault(welded, []).append(height)
     return {number: _median_of_seen(rows) for number, rows in sorted(heights.items())}
+
+
+def shows_filled_joint(profile: Profile) -> bool:
+    """Whether a profile shows even steel from plate to plate, but for the light of an arc."""
+    height = height_over_hull(profile, 0.0)
+    if height is None:
+        return False
+    level = PLACES_ACROSS[np.abs(height) < MOST_UNEVENNESS_WHEN_FILLED]
+    ends = PLACES_ACROSS[[0, -1]]
+    gaps = np.diff(np.concatenate((ends[:1], level, ends[1:])))
+    return float(gaps.max()) < WIDEST_LIGHT
 
 
 def height_over_hull(profile: Profile, d: float) -> Array | None:

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_estimator import SlipEstimate
-from tjscan.vehicle.vehicle import Twist
+from tjscan.vehicle.vehicle import Twist, VehicleState
 
 SURE_SIGMAS: Final = 3.0
 """Standard deviations within which something surely is."""
@@ -47,13 +47,13 @@ class TorchEstimate(OffsetEstimate):
 class FollowingMethod(Protocol):
     """Estimates where the torch is, and steers so that it comes to the joint."""
 
-    def move(self, odometry: Twist, period: float, commanded: Twist) -> None:
+    def move(self, state: VehicleState, period: float, commanded: Twist) -> None:
         """Take in a period of motion.
 
         Parameters
         ----------
-        odometry : Twist
-            As the encoders show it.
+        state : VehicleState
+            At its end: what encoders and inertial sensors show.
         period : float
             Seconds.
         commanded : Twist

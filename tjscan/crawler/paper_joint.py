@@ -1,4 +1,4 @@
-"""The centre of a joint as Kermorgant (2018, section 3.2) reads it, for comparison.
+"""The centre of a joint as Kermorgant (2018, section 3.2) reads it: for the paper's method.
 
 The profile is smoothed; a line on the hull is fitted to more and more points from either end,
 until the next ones are outliers time after time: the last inlier is the edge. The centre is the
@@ -9,7 +9,7 @@ its sensor.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
+from math import atan2, hypot
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,8 @@ import scipy  # its parts are loaded at first use
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.robust import mad_sigma, tukey_weights
+from tjscan.crawler.joint_tracking.registration import JointPlacement
+from tjscan.crawler.paper_method import READING_SIGMA
 from tjscan.laser.profile import Profile
 
 FILTER_POINTS, FILTER_DEGREE = 11, 2
@@ -57,6 +59,21 @@ class PaperJoint:
 
     edges: Array
     barycentre: Array
+
+
+class PaperJointReader:
+    """A `JointReader` that takes the barycentre of each profile, whatever was read before."""
+
+    def read(self, profile: Profile, travel: float) -> JointPlacement:
+        """Find the joint in a profile; see `JointReader.read`."""
+        found = read_joint_as_paper(profile)
+        (left, low), (right, high) = found.edges.tolist()
+        return JointPlacement(
+            centre=float(found.barycentre[0]),
+            hull_z=(low + high) / 2,
+            roll=-atan2(high - low, right - left),
+            centre_sigma=READING_SIGMA,
+        )
 
 
 def read_joint_as_paper(profile: Profile) -> PaperJoint:

@@ -18,7 +18,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.method import OffsetEstimate, TorchEstimate
 from tjscan.crawler.slip_estimator import CrawlerGeometry
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.vehicle import Twist
+from tjscan.vehicle.vehicle import Twist, VehicleState
 
 FIRST_STATE_SIGMAS: Final = (1e-3, 1e-2, 5e-3, 20e-3, 50e-3)
 """Of the first estimate."""
@@ -150,10 +150,10 @@ class PaperMethod:
         self._d = self._integral = 0.0
         self._period, self._way = 0.01, 0.0
 
-    def move(self, odometry: Twist, period: float, commanded: Twist) -> None:
+    def move(self, state: VehicleState, period: float, commanded: Twist) -> None:
         """Take in a period of motion; see `FollowingMethod.move`."""
         self._period = period
-        self._filter.move(odometry, period)
+        self._filter.move(state.odometry, period)
 
     def read(self, d: float, sigma: float) -> None:
         """Take in a reading of the joint."""

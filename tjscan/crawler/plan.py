@@ -36,7 +36,7 @@ class AlignmentSettings(SettingsTable):
     length: Annotated[float, Ge(50), Le(1e5), MM] = 0.6
     longest: Annotated[float, Ge(50), Le(1e5), MM] = 1.2
     offset: Annotated[float, Gt(0), Le(50), MM] = 1e-3
-    offset_sigma: Annotated[float, Gt(0), Le(50), MM] = 3e-3
+    offset_sigma: Annotated[float, Gt(0), Le(50), MM] = 5e-3
     in_view: Annotated[float, Ge(0), Le(60), SECONDS] = 1.0
 
     def __post_init__(self) -> None:
@@ -75,6 +75,8 @@ class GuardSettings(SettingsTable):
         How far it may go without a reading of the joint, metres.
     blind_time : float
         How long, seconds.
+    filled_travel : float
+        How far it may go along a joint that a tack fills up to the plates, metres.
     field : float
         How far from the middle of the laser's line the joint may be, metres.
     torque : float
@@ -89,6 +91,7 @@ class GuardSettings(SettingsTable):
 
     blind_travel: Annotated[float, Gt(0), Le(1000), MM] = 0.020
     blind_time: Annotated[float, Gt(0), Le(60), SECONDS] = 2.0
+    filled_travel: Annotated[float, Gt(0), Le(1000), MM] = 0.060
     field: Annotated[float, Gt(0), Le(500), MM] = 0.022
     torque: Annotated[float, Gt(0), Le(1000), NEWTON_METRE_UNIT] = 84.0
     torch_off: Annotated[float, Gt(0), Le(50), MM] = 1e-3

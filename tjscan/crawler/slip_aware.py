@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import copysign, exp, sqrt
 from typing import Annotated, Final
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
@@ -21,11 +22,19 @@ from tjscan.crawler.slip_estimator import (
     TrackOdometry,
     laser_offset,
 )
-from tjscan.vehicle.vehicle import AT_REST, Twist
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
 AVERAGING_TIME: Final = 0.5
-"""Seconds over which encoders are averaged about what was asked."""
+"""Seconds over which encoders are averaged about what was asked, at most."""
 
+QUIET_TURN_RATE: Final = 5e-5
+"""rad/s: standard deviation that the averaged turn rate may have. It is averaged no longer, for
+drives that lag by more than assumed make what was asked wrong."""
+
+NOISE_MEMORY_TIME, MOST_NOISE_STEP = 2.0, 4.0
+"""Seconds over which the encoders' noise is learned, and how many times its variance one step
+counts at most: the vehicle's own turns are no noise."""
 
 RAMP_SPEED_DIFFERENCE: Final = 2e-3
 RAMP_TURN_RATE_DIFFERENCE: Final = 10e-3
@@ -73,7 +82,7 @@ def track_turn_rate(
 
     Parameters
     ----------
-    x : ndarray, shape (11,)
+    x : ndarray, shape (20,)
         As `SlipStateIndex` orders it.
     speed : float
         Forward, m/s; nothing is steered if it is 0.
@@ -92,7 +101,7 @@ def track_turn_rate(
         return 0.0
     way, gain = copysign(1.0, speed), settings.gain
     ahead = x[SlipStateIndex.ROTATION_CENTRE] + x[SlipStateIndex.SETTLED_CENTRE]
-    arm = geometry.centre_to_torch + way * ahead
+    arm = geometry.centre_to_torch + x[SlipStateIndex.FIXED_CENTRE] + way * ahead
     offset = x[SlipStateIndex.OFFSET] + arm * x[SlipStateIndex.HEADING]
     slope = (
         way * x[SlipStateIndex.HEADING] + x[SlipStateIndex.CRAB] + x[SlipStateIndex.UNSTEADY_CRAB]
@@ -116,11 +125,18 @@ class OdometryFilter:
 
     Noise of the encoders would else bias the yaw efficiency, which multiplies it: errors in a
     regressor make its coefficient too small.
+
+    Parameters
+    ----------
+    tracks : TrackGeometry, optional
+        Whose chains ripple.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, tracks: TrackGeometry | None = None) -> None:
         self._speed = self._turn_rate = 0.0
         self._way, self._recent_turn = 0.0, 0.0
+        self._tracks, self._chains = tracks or TrackGeometry(), np.zeros(2)
+        self._off, self._noise = (0.0, 0.0), QUIET_TURN_RATE**2
 
     def smooth(self, measured: Twist, period: float, commanded: Twist = AT_REST) -> TrackOdometry:
         """Motion over the period that has just passed.
@@ -134,13 +150,15 @@ class OdometryFilter:
         commanded : Twist
             What the drives were asked for meanwhile.
         """
-        follow, correct = min(period / DRIVE_LAG, 1.0), min(period / AVERAGING_TIME, 1.0)
+        follow = min(period / DRIVE_LAG, 1.0)
         speed = self._speed + follow * (commanded.speed - self._speed)
         turn_rate = self._turn_rate + follow * (commanded.turn_rate - self._turn_rate)
+        correct = self._share_of_encoders(measured.turn_rate - turn_rate, period)
         if abs(measured.speed - speed) > RAMP_SPEED_DIFFERENCE or (
             abs(measured.turn_rate - turn_rate) > RAMP_TURN_RATE_DIFFERENCE
         ):
             correct = 1.0
+        before = self._turn_rate
         self._speed = speed + correct * (measured.speed - speed)
         self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
         turned_back = False
@@ -151,7 +169,27 @@ class OdometryFilter:
                 self._way, self._recent_turn = way, 0.0
             new = 1 - exp(-abs(self._speed) * period / SETTLING_LENGTH)
             self._recent_turn += new * (self._turn_rate / abs(self._speed) - self._recent_turn)
-        return TrackOdometry(self._speed, self._turn_rate, period, self._recent_turn, turned_back)
+        self._chains += self._tracks.track_speeds(measured) * period
+        return TrackOdometry(
+            *(self._speed, self._turn_rate, period, self._recent_turn, turned_back),
+            (*self._turn_by_ripple(), (before - self._turn_rate) / period),
+        )
+
+    def _share_of_encoders(self, off: float, period: float) -> float:
+        """Share of what they are off by that counts: as much as leaves their noise quiet."""
+        quiet = QUIET_TURN_RATE**2
+        last, before = self._off
+        step = min((off - 2 * last + before) ** 2 / 6, MOST_NOISE_STEP * max(self._noise, quiet))
+        self._off = off, last
+        self._noise += min(period / NOISE_MEMORY_TIME, 1.0) * (step - self._noise)
+        share = max(period / AVERAGING_TIME, 2 * quiet / (self._noise + quiet))
+        return min(share, 1.0)
+
+    def _turn_by_ripple(self) -> tuple[float, ...]:
+        """What each chain's ripple of its whole speed would add to the turn rate, rad/s."""
+        phases = 2 * np.pi / self._tracks.pad_pitch * self._chains
+        shares = np.stack((np.cos(phases), np.sin(phases)), axis=1) * ((1.0,), (-1.0,))
+        return tuple((self._speed / self._tracks.gauge * shares).ravel().tolist())
 
 
 class SlipAwareMethod:
@@ -164,6 +202,7 @@ class SlipAwareMethod:
         What is known at first: from a calibration, or `SlipEstimate.before_any_reading`.
     uncertainty : SlipUncertainty
     steering : SteeringSettings
+    tracks : TrackGeometry, optional
     """
 
     def __init__(
@@ -172,19 +211,22 @@ class SlipAwareMethod:
         estimate: SlipEstimate,
         uncertainty: SlipUncertainty,
         steering: SteeringSettings,
+        tracks: TrackGeometry | None = None,
     ) -> None:
         self._estimator = SlipEstimator(geometry, estimate, uncertainty)
-        self._uncertainty, self._steering = uncertainty, steering
-        self._odometry = OdometryFilter()
+        self._uncertainty, self._steering, self._tracks = uncertainty, steering, tracks
+        self._odometry = OdometryFilter(tracks)
 
     @property
     def slip(self) -> SlipEstimate:
         """What is known now."""
         return self._estimator.estimate
 
-    def move(self, odometry: Twist, period: float, commanded: Twist) -> None:
+    def move(self, state: VehicleState, period: float, commanded: Twist) -> None:
         """Take in a period of motion; see `FollowingMethod.move`."""
-        self._estimator.move(self._odometry.smooth(odometry, period, commanded))
+        odometry = self._odometry.smooth(state.odometry, period, commanded)
+        self._estimator.move(odometry)
+        self._estimator.read_inertial(state.gyro, state.down, period)
 
     def read(self, d: float, sigma: float) -> float:
         """Take in a reading of the joint; see `FollowingMethod.read`."""
@@ -194,7 +236,7 @@ class SlipAwareMethod:
     def forget_place(self) -> None:
         """Forget where the vehicle is; see `FollowingMethod.forget_place`."""
         self._estimator.estimate = self.slip.at_new_start(self._uncertainty)
-        self._odometry = OdometryFilter()
+        self._odometry = OdometryFilter(self._tracks)
         self._estimator.smoother.restart()
 
     def keep_state(self) -> None:

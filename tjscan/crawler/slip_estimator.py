@@ -8,21 +8,23 @@ seen from outside the hull, offsets to the right: vehicle minus joint.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from math import copysign, cos, exp, sin, sqrt, tan
+from math import copysign, cos, exp, remainder, sin, sqrt, tan, tau
+from operator import mul
 from typing import Annotated, Final, Self
 
 import numpy as np
 from annotated_types import Gt, Le
 
 from tjscan.core.frames import Array, ArrayForm
-from tjscan.core.units import MM, MRAD, SettingsTable
+from tjscan.core.units import MM, MRAD, SECONDS, SettingsTable
 from tjscan.crawler.state_smoother import StateSmoother
 
 
 class SlipStateIndex(IntEnum):
-    """The place of each quantity in a state vector, shape (11,).
+    """The place of each quantity in a state vector, shape (20,).
 
     OFFSET is the torch's from the joint, metres; HEADING the angle from the joint to the
     vehicle; ROTATION_CENTRE how far the centre of rotation is ahead of the vehicle's own, in
@@ -31,8 +33,14 @@ class SlipStateIndex(IntEnum):
     metre, whichever way it goes; CURVATURE the joint's, 1/m, positive to the right;
     TURNING_CRAB its sideways travel per radian of turn, metres. SETTLED_CENTRE is how much farther
     ahead than ROTATION_CENTRE the centre of rotation comes to be in a gentle turn that lasts,
-    metres. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those for now, and
-    forget over `SETTLING_LENGTH`.
+    metres. FIXED_CENTRE is how far ahead it is whichever way the vehicle goes, metres, and
+    TURNING_DRIFT the share by which the vehicle turns farther to the right than to the left: the
+    weight presses some pads on and hangs off the vehicle's middle. The ripples are shares of the
+    speed by which each chain runs faster and slower as its pads come on, as cosine and sine of the
+    way from pad to pad. ODOMETRY_DELAY is how much later than shown the tracks turn, seconds:
+    drives lag by more than assumed. GYRO_BIAS is in rad/s; JOINT_DOWN the direction of down from
+    that of the joint, as the inclinometer shows it, radians. UNSTEADY_CRAB and UNSTEADY_DRIFT are
+    what crab and drift differ from those for now, and forget over `SETTLING_LENGTH`.
     """
 
     OFFSET = 0
@@ -44,11 +52,36 @@ class SlipStateIndex(IntEnum):
     CURVATURE = 6
     TURNING_CRAB = 7
     SETTLED_CENTRE = 8
-    UNSTEADY_CRAB = 9
-    UNSTEADY_DRIFT = 10
+    FIXED_CENTRE = 9
+    TURNING_DRIFT = 10
+    LEFT_RIPPLE_COSINE = 11
+    LEFT_RIPPLE_SINE = 12
+    RIGHT_RIPPLE_COSINE = 13
+    RIGHT_RIPPLE_SINE = 14
+    ODOMETRY_DELAY = 15
+    GYRO_BIAS = 16
+    JOINT_DOWN = 17
+    UNSTEADY_CRAB = 18
+    UNSTEADY_DRIFT = 19
 
 
 STATE_COUNT: Final = len(SlipStateIndex)
+
+UNSTEADY_STATES: Final = [SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.UNSTEADY_DRIFT]
+TURNING_STATES: Final = [
+    *(SlipStateIndex.YAW_EFFICIENCY, SlipStateIndex.DRIFT, SlipStateIndex.UNSTEADY_DRIFT)
+]
+"""What the turn rate is linear in."""
+
+ODOMETRY_STATES: Final = slice(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.ODOMETRY_DELAY + 1)
+"""What the tracks' turn rate is wrong by."""
+
+SIDEWAYS_STATES: Final = [
+    *(SlipStateIndex.HEADING, SlipStateIndex.ROTATION_CENTRE, SlipStateIndex.FIXED_CENTRE),
+    *(SlipStateIndex.CRAB, SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.TURNING_CRAB),
+    SlipStateIndex.SETTLED_CENTRE,
+]
+"""What the vehicle goes aside by, other than by how far it turns."""
 
 SETTLING_LENGTH: Final = 0.1
 """Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
@@ -77,6 +110,8 @@ class TrackOdometry:
         it last turned back, faded over `SETTLING_LENGTH`.
     turned_back : bool, optional
         Whether it now goes the other way than in the periods before.
+    turn_rate_parts : tuple of float, optional
+        What each of `ODOMETRY_STATES`, were it 1, would add to the turn rate, rad/s.
     """
 
     speed: float
@@ -84,6 +119,7 @@ class TrackOdometry:
     period: float
     recent_turn: float = 0.0
     turned_back: bool = False
+    turn_rate_parts: tuple[float, ...] = (0.0,) * 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,23 +145,25 @@ def propagate_state(
 
     Parameters
     ----------
-    x : ndarray, shape (11,)
+    x : ndarray, shape (20,)
         As `SlipStateIndex` orders it.
     odometry : TrackOdometry
     geometry : CrawlerGeometry
 
     Returns
     -------
-    x : ndarray, shape (11,)
-    F : ndarray, shape (11, 11)
+    x : ndarray, shape (20,)
+    F : ndarray, shape (20, 20)
     """
-    q, heading, ahead, efficiency, drift, crab, curvature, turning_crab, settled, sways, veers = (
-        x.tolist()
-    )
+    q, heading, ahead, efficiency, drift, crab, curvature, turning_crab, settled = x[:9].tolist()
+    fixed, turning_drift, *wrong, _, _, sways, veers = x[9:].tolist()
     u, dt = odometry.speed, odometry.period
     way = copysign(1.0, u) if u else 0.0
-    turn = efficiency * odometry.turn_rate + (drift + veers) * u
-    arm = geometry.centre_to_torch + way * ahead
+    tracks_turn = odometry.turn_rate + sum(map(mul, wrong, odometry.turn_rate_parts))
+    even_turn = efficiency * tracks_turn + (drift + veers) * u
+    side = copysign(1.0, even_turn) if even_turn else 0.0
+    turn = even_turn + turning_drift * abs(even_turn)
+    arm = geometry.centre_to_torch + fixed + way * ahead
     # Travel sideways: by heading, by crab, and as the torch swings round the centre of rotation.
     q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * abs(turn) - turn * arm)
     # A turn that lasts shifts the centre farther, the less so the more feet slide.
@@ -134,27 +172,26 @@ def propagate_state(
     q -= dt * settled * efficiency * turned
     kept = exp(-abs(u) * dt / SETTLING_LENGTH)
     after = x.copy()
-    after[SlipStateIndex.UNSTEADY_CRAB :] *= kept
+    after[UNSTEADY_STATES] *= kept
     after[SlipStateIndex.OFFSET] = q
     after[SlipStateIndex.HEADING] = heading + dt * (turn - curvature * u)
+    after[SlipStateIndex.JOINT_DOWN] -= dt * curvature * u
+    # How far it turns by each quantity of slip, and so goes aside with that.
+    by_slip = np.zeros(STATE_COUNT)
+    by_slip[TURNING_STATES] = tracks_turn, u, u
+    by_slip[ODOMETRY_STATES] = np.multiply(odometry.turn_rate_parts, efficiency)
+    by_slip *= 1 + side * turning_drift
+    by_slip[SlipStateIndex.TURNING_DRIFT] = abs(even_turn)
     F = np.eye(STATE_COUNT)
-    by_turn = turning_crab * (copysign(1.0, turn) if turn else 0.0) - arm
-    F[0, 1:] = (
-        dt * u * cos(heading),
-        -dt * turn * way,
-        dt * (by_turn * odometry.turn_rate - settled * turned * sticks),
-        dt * by_turn * u,
-        dt * abs(u),
-        0.0,
-        dt * abs(turn),
-        -dt * efficiency * turned,
-        dt * abs(u),
-        dt * by_turn * u,
+    F[1] += dt * by_slip
+    F[[SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN], SlipStateIndex.CURVATURE] = -dt * u
+    F[0] += dt * (turning_crab * (copysign(1.0, turn) if turn else 0.0) - arm) * by_slip
+    F[0, SlipStateIndex.YAW_EFFICIENCY] -= dt * settled * turned * sticks
+    F[0, SIDEWAYS_STATES] = np.multiply(
+        dt,
+        (u * cos(heading), -turn * way, -turn, abs(u), abs(u), abs(turn), -efficiency * turned),
     )
-    F[1, 3:5] = dt * odometry.turn_rate, dt * u
-    F[1, 6] = -dt * u
-    F[1, SlipStateIndex.UNSTEADY_DRIFT] = dt * u
-    F[9, 9] = F[10, 10] = kept
+    F[UNSTEADY_STATES, UNSTEADY_STATES] = kept
     return after, F
 
 
@@ -166,14 +203,14 @@ def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
 
     Parameters
     ----------
-    x : ndarray, shape (11,)
+    x : ndarray, shape (20,)
     geometry : CrawlerGeometry
 
     Returns
     -------
     d : float
         Metres.
-    H : ndarray, shape (11,)
+    H : ndarray, shape (20,)
     """
     D, slope = geometry.laser_to_torch, tan(x[SlipStateIndex.HEADING])
     H = np.zeros(STATE_COUNT)
@@ -188,13 +225,16 @@ STUDENT_DEGREES_OF_FREEDOM: Final = 4.0
 MATCHING_WINDOW_LENGTH: Final = 0.05
 """Metres over which differences between readings and what was expected are added up."""
 
-MISFIT_MEMORY_LENGTH: Final = 0.7
-"""Metres of such windows that show how unsteady slip is: the contact of a track (assumption)."""
+MISFIT_MEMORY_LENGTH: Final = 0.35
+"""Metres of such windows that show how unsteady slip is: half a track's contact (assumption)."""
 
 MOST_WINDOW_MISFIT: Final = 9.0
 """A window's misfit counts as no more: one that was disturbed shows little about the others."""
 
-UNSTEADINESS_BOUNDS: Final = (0.02, 1.0)
+UNKNOWN_DIRECTION_SIGMA: Final = 2.0
+"""Radians: of a direction of which nothing is known."""
+
+UNSTEADINESS_BOUNDS: Final = (0.01, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
 track does at most, and with none of them the filter would learn no more."""
 
@@ -202,10 +242,8 @@ MOST_SIDEWAYS_SHARE: Final = 0.1
 """Metres by which torch or laser go aside at most while the vehicle goes on by one: by its slope
 against the joint, and by how it turns."""
 
-LIKELY_YAW_EFFICIENCY: Final = 0.85
-"""Before anything was measured."""
-
-UNSTEADY_STATES: Final = [SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.UNSTEADY_DRIFT]
+LIKELY_YAW_EFFICIENCY: Final = 0.75
+"""Before anything was measured: pads give 0.5 to 0.75 in a turn, tracks that do not slip 1."""
 
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
@@ -219,8 +257,12 @@ class SlipUncertainty(SettingsTable):
     Parameters
     ----------
     offset, heading, rotation_centre, yaw_efficiency, drift, crab, turning_crab : float
-    settled_centre : float
+    settled_centre, fixed_centre, turning_drift, odometry_delay, gyro_bias : float
         Before anything was measured; named as in `SlipStateIndex`, in its units.
+    ripple : float
+        Likewise, of each of the four ripples.
+    gyro, down : float
+        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
     settled_centre_walk : float
         Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
@@ -244,8 +286,15 @@ class SlipUncertainty(SettingsTable):
     yaw_efficiency: Deviation = 0.15
     drift: Annotated[Deviation, MRAD] = 10e-3
     crab: Annotated[Deviation, MRAD] = 6e-3
-    turning_crab: Annotated[Deviation, MM] = 50e-3
+    turning_crab: Annotated[Deviation, MM] = 80e-3
     settled_centre: Annotated[Deviation, MM] = 80e-3
+    fixed_centre: Annotated[Deviation, MM] = 30e-3
+    turning_drift: Deviation = 0.05
+    ripple: Deviation = 3e-3
+    odometry_delay: Annotated[Deviation, SECONDS] = 0.05
+    gyro_bias: Annotated[Deviation, MRAD] = 2e-3
+    gyro: Annotated[Deviation, MRAD] = 2e-4
+    down: Annotated[Deviation, MRAD] = 1e-3
     rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
     yaw_efficiency_walk: Deviation = 0.01
     drift_walk: Annotated[Deviation, MRAD] = 0.2e-3
@@ -266,9 +315,9 @@ class SlipEstimate:
 
     Parameters
     ----------
-    x : ndarray, shape (11,)
+    x : ndarray, shape (20,)
         As `SlipStateIndex` orders it.
-    P : ndarray, shape (11, 11)
+    P : ndarray, shape (20, 20)
         Its covariance.
     """
 
@@ -291,6 +340,8 @@ class SlipEstimate:
         x[SlipStateIndex.YAW_EFFICIENCY] = LIKELY_YAW_EFFICIENCY
         x[SlipStateIndex.CURVATURE] = curvature
         sigmas = [getattr(uncertainty, one.name.lower(), curvature_sigma) for one in SlipStateIndex]
+        sigmas[ODOMETRY_STATES] = [*[uncertainty.ripple] * 4, uncertainty.odometry_delay]
+        sigmas[SlipStateIndex.JOINT_DOWN] = UNKNOWN_DIRECTION_SIGMA
         return cls(x, np.diag(np.square(sigmas)))
 
     def sigma(self, which: SlipStateIndex) -> float:
@@ -361,6 +412,7 @@ class SlipEstimator:
         self._walk_per_metre = np.square(walks)
         self._turns = 0.0
         self.unsteadiness, self.surprise = 1.0, 0.0
+        self._turn, self._by_turn = 0.0, np.zeros(STATE_COUNT)
         self.smoother = StateSmoother(STATE_COUNT)
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
@@ -370,15 +422,20 @@ class SlipEstimator:
             self._forget_unsteady_slip()
         x, F = propagate_state(self.estimate.x, odometry, self.geometry)
         self.smoother.add_move(F)
+        self._by_turn = F[SlipStateIndex.HEADING] / odometry.period
+        self._by_turn[[SlipStateIndex.HEADING, SlipStateIndex.CURVATURE]] = 0.0
+        gone = x - self.estimate.x
+        turned = gone[SlipStateIndex.HEADING] - gone[SlipStateIndex.JOINT_DOWN]
+        self._turn = turned / odometry.period
         P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
         changes = self._walk_per_metre * travel + self._added_variances(odometry, float(F[-1, -1]))
         P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
         # White noise of the turn rate: its spectral density does not depend on the period.
-        by_turn = np.array([0.0, odometry.period])
-        if odometry.turn_rate != 0.0:
-            by_turn = F[:2, SlipStateIndex.YAW_EFFICIENCY] / odometry.turn_rate
-        by_turn = by_turn * self.estimate.x[SlipStateIndex.YAW_EFFICIENCY]
+        efficiency = float(self.estimate.x[SlipStateIndex.YAW_EFFICIENCY])
+        by_turn = np.array([0.0, odometry.period]) * efficiency
+        if odometry.speed:
+            by_turn = F[:2, SlipStateIndex.DRIFT] / odometry.speed * efficiency
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         self.estimate = SlipEstimate(x, (P + P.T) / 2)
         self._window += travel
@@ -442,20 +499,44 @@ class SlipEstimator:
         float
             How far off it was, squared, in its variance.
         """
+        expected, H = laser_offset(self.estimate.x, self.geometry)
+        variance, off = sigma**2 + self._uncertainty.unevenness**2, d - expected
+        before = float(H @ self.estimate.P @ H)
+        self.surprise = off * sqrt(variance / (before + variance))
+        self._misfit += off / sqrt(before + variance)
+        self._readings += 1
+        return self._correct(off, H, variance)
+
+    def read_inertial(self, gyro: Sequence[float], down: Sequence[float], period: float) -> None:
+        """Take in samples of the inertial sensors after a period in seconds.
+
+        Parameters
+        ----------
+        gyro, down : sequence of float
+            As in `VehicleState`.
+        """
+        for rate in gyro:
+            H = self._by_turn.copy()
+            H[SlipStateIndex.GYRO_BIAS] = 1.0
+            off = rate - self._turn - self.estimate.x[SlipStateIndex.GYRO_BIAS]
+            self._correct(off, H, self._uncertainty.gyro**2 / period)
+        for angle in down:
+            H = np.zeros(STATE_COUNT)
+            H[[SlipStateIndex.JOINT_DOWN, SlipStateIndex.HEADING]] = 1.0, -1.0
+            off = remainder(angle - float(H @ self.estimate.x), tau)
+            self._correct(off, H, self._uncertainty.down**2)
+
+    def _correct(self, difference: float, H: Array, variance: float) -> float:
+        """Take in a measurement that differs from what was expected; returns `read`'s value."""
         x, P = self.estimate.x, self.estimate.P
-        expected, H = laser_offset(x, self.geometry)
-        variance = sigma**2 + self._uncertainty.unevenness**2
         PH = P @ H
         before = float(H @ PH)
-        off = (d - expected) ** 2 / (before + variance)
-        self.surprise = (d - expected) * sqrt(variance / (before + variance))
-        self._misfit += (d - expected) / sqrt(before + variance)
-        self._readings += 1
+        off = difference**2 / (before + variance)
         nu = STUDENT_DEGREES_OF_FREEDOM
         variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
         gain = PH / (before + variance)
-        self.smoother.add_reading(H, gain, d - expected, before + variance)
+        self.smoother.add_reading(H, gain, difference, before + variance)
         rest = np.eye(STATE_COUNT) - np.outer(gain, H)
         P = rest @ P @ rest.T + np.outer(gain, gain) * variance
-        self.estimate = SlipEstimate(x + gain * (d - expected), P)
+        self.estimate = SlipEstimate(x + gain * difference, P)
         return off

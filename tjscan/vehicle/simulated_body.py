@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import exp, inf
+from dataclasses import dataclass, field, replace
+from math import exp, inf, pi, radians, sin, sqrt
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -107,6 +107,65 @@ class ProximitySensors:
         return tuple(readings.tolist())
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InertialSettings(SettingsTable):
+    """The table [simulation.vehicle.inertial]: a gyro about z, and an inclinometer.
+
+    The defaults are those of small sensors of silicon (assumption).
+
+    Parameters
+    ----------
+    gyro_noise : float
+        Standard deviation of its turn rate over one second, rad/s.
+    gyro_bias : float
+        Standard deviation of what it is off by for good, rad/s.
+    down_noise : float
+        Standard deviation of a direction of down, radians. Of a level surface it shows none.
+    down_bias : float
+        Standard deviation of what it is off by for good, radians.
+    """
+
+    gyro_noise: Annotated[float, Ge(0), Le(60), units.DEG_S] = radians(0.01)
+    gyro_bias: Annotated[float, Ge(0), Le(60), units.DEG_S] = radians(0.05)
+    down_noise: Annotated[float, Ge(0), Le(60), units.DEG] = radians(0.05)
+    down_bias: Annotated[float, Ge(0), Le(60), units.DEG] = radians(0.2)
+
+
+LEAST_INCLINATION: Final = radians(10)
+"""Of a surface on which an inclinometer shows the direction of down."""
+
+
+class InertialSensors:
+    """Simulated gyro and inclinometer of a vehicle.
+
+    Parameters
+    ----------
+    settings : InertialSettings
+    pads : PadSettings
+        Whose surface shows where down is.
+    random : Generator
+    """
+
+    def __init__(
+        self, settings: InertialSettings, pads: PadSettings, random: np.random.Generator
+    ) -> None:
+        self._settings, self._pads, self._random = settings, pads, random
+        self._bias, self._tilt = random.standard_normal(2) * (
+            *(settings.gyro_bias, settings.down_bias),
+        )
+
+    def read(
+        self, before: float, heading: float, period: float
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Sample of each after the heading changed over a period in seconds; radians."""
+        own, (rate, level) = self._settings, self._random.standard_normal(2).tolist()
+        turned = (heading - before) / period + self._bias + own.gyro_noise * rate / sqrt(period)
+        if sin(self._pads.inclination) < sin(LEAST_INCLINATION):
+            return (turned,), ()
+        down = self._pads.down - heading + self._tilt + own.down_noise * level
+        return (turned,), ((down + pi) % (2 * pi) - pi,)
+
+
 Outline = Annotated[tuple[SurfacePoint, ...], Len(0, 1000), units.LIST_OR_WORD_IN_FILE]
 """A polygon on the unrolled surface: corners in order, metres."""
 
@@ -161,6 +220,8 @@ class VehicleSimulationSettings(SettingsTable):
         Standard deviation of a sprocket's rate as its encoder shows it, rad/s. Assumption.
     proximity : ProximitySettings
         Sensors at the corners.
+    inertial : InertialSettings, optional
+        Gyro and inclinometer; a vehicle without them if left out.
     steel : tuple of points
         Outline of the steel in frame w, metres; without one there is steel everywhere.
     """
@@ -173,6 +234,7 @@ class VehicleSimulationSettings(SettingsTable):
     drives: DriveSettings = field(default_factory=DriveSettings)
     encoder_noise: Annotated[float, Ge(0), Le(60), units.DEG_S] = 2e-3
     proximity: ProximitySettings = field(default_factory=ProximitySettings)
+    inertial: InertialSettings | None = None
     steel: Outline = ()
 
 
@@ -206,7 +268,7 @@ class SimulatedBody:
         pose_w: Array | None = None,
         time: float = 0.0,
     ) -> None:
-        slip, encoders, sensors = np.random.default_rng(seed).spawn(3)
+        slip, encoders, sensors, inertial = np.random.default_rng(seed).spawn(4)
         start = np.array((*settings.start, settings.heading)) if pose_w is None else pose_w
         self.plant: VehiclePlant = (
             SlipPlant(settings.slip, tracks.gauge, start, slip, TrackLoad(settings.pads, tracks))
@@ -221,6 +283,11 @@ class SimulatedBody:
         self._speeds = np.zeros(2)  # of the left and right track, m/s, forward positive
         self._sensors = ProximitySensors(settings.proximity, self.steel, sensors)
         self._sampled = -np.inf
+        self._inertial = (
+            None
+            if settings.inertial is None
+            else InertialSensors(settings.inertial, settings.pads, inertial)
+        )
 
     @property
     def T_w_v(self) -> Array:
@@ -259,11 +326,15 @@ class SimulatedBody:
         else:
             self._follow_speeds(self._tracks.track_speeds(twist), period)
         left, right = self._speeds.tolist()
+        before = float(self.plant.pose_w[2])
         self.plant.advance(grip * left, grip * right, period)
         self.time += period
-        return VehicleState(
-            self.time, self._read_encoders(left, right), self.plant.torques, self._read_proximity()
-        )
+        odometry, torques = self._read_encoders(left, right), self.plant.torques
+        state = VehicleState(self.time, odometry, torques, self._read_proximity())
+        if self._inertial is None:
+            return state
+        gyro, down = self._inertial.read(before, float(self.plant.pose_w[2]), period)
+        return replace(state, gyro=gyro, down=down)
 
     def _follow_speeds(self, wanted: Array, period: float) -> None:
         """Run after wanted speeds, shape (2,): a first-order lag and a limit to what is gained."""

@@ -27,10 +27,13 @@ class TrackGeometry(SettingsTable):
         From the sprocket's axis to the pads' faces, metres. Assumption: the paper gives none.
     gauge : float
         Between the middles of the tracks, metres. Assumption, as above.
+    pad_pitch : float
+        From pad to pad of a chain, metres: at it the speed of a track ripples.
     """
 
     sprocket_radius: Annotated[float, Ge(5), Le(500), MM] = 0.05
     gauge: Annotated[float, Ge(50), Le(5000), MM] = 0.4
+    pad_pitch: Annotated[float, Ge(5), Le(500), MM] = 0.7 / 24
 
     def track_speeds(self, twist: Twist) -> Array:
         """Speeds of the vehicle over its left and right track, m/s, shape (2,), without slip."""

@@ -64,6 +64,11 @@ class VehicleState:
         in reach, empty if this state brings no new sample.
     fault : str, optional
         Of the drives, in a sentence; empty if they are well.
+    gyro : tuple of float, optional
+        Turn rate about z that a gyro shows, rad/s, as `Twist.turn_rate`; empty without a sample.
+    down : tuple of float, optional
+        Direction that an inclinometer shows to be down along the surface, from x towards y,
+        radians; empty without a sample.
     """
 
     time: float
@@ -71,21 +76,24 @@ class VehicleState:
     torques: tuple[float, ...] = ()
     proximity: tuple[FloatOrNan, ...] = ()
     fault: str = ""
+    gyro: tuple[float, ...] = ()
+    down: tuple[float, ...] = ()
 
 
 def merge_unread_states(states: Sequence[VehicleState]) -> VehicleState:
     """The last of some states that came since one was read.
 
-    Its odometry is their mean, so that the way over the time since then comes out right, and it
-    has the last proximity sample that any of them brought.
+    Its odometry and its gyro's turn rate are their means, so that way and turn over the time since
+    then come out right. It has the last other sample that any of them brought.
     """
-    last = states[-1]
     motions = [(s.odometry.speed, s.odometry.turn_rate, s.odometry.sideways) for s in states]
-    samples = [s.proximity for s in states if s.proximity]
+    gyro = [rate for s in states for rate in s.gyro]
     return replace(
-        last,
+        states[-1],
         odometry=Twist(*(fmean(values) for values in zip(*motions, strict=True))),
-        proximity=samples[-1] if samples else (),
+        proximity=next((s.proximity for s in reversed(states) if s.proximity), ()),
+        gyro=(fmean(gyro),) if gyro else (),
+        down=next((s.down for s in reversed(states) if s.down), ()),
     )
 
 

@@ -20,7 +20,12 @@ from tjscan.calibration.closed_form import (
 )
 from tjscan.calibration.noise import TYPICAL_FLANGE_LEVER, NoiseModel
 from tjscan.calibration.targets.line import LineBundle, LineFit, stack_lines
-from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
+from tjscan.calibration.targets.target import (
+    LinearisedModel,
+    SeenTarget,
+    TargetModel,
+    TargetStatement,
+)
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, array_dataclass, cross, pose, transform_points, unit_vector
 
@@ -41,7 +46,7 @@ MIN_TOUCH_PROBABILITY: Final = 1e-4
 NOT_FLAT_REASON: Final = "touched points not on one plane"
 """The reason for which to touch again; none of the other reasons goes away by that."""
 STATED_PLANE_SQUARE_SIDE: Final = 0.2
-"""Metres; see `plane_stated_beforehand`."""
+"""Metres; see `plane_of_statement`."""
 
 
 @array_dataclass
@@ -382,27 +387,21 @@ def fit_plane(
     return PlaneTarget(plane, centre, axes[:2], information, residuals, singular, moves)
 
 
-def plane_stated_beforehand(
-    plane: PluckerPlane, flange_b: ArrayLike, sigma: float, *, geometry: float = 0.0
-) -> PlaneTarget:
-    """Plane target that the user states, as sure as one touched at the corners of a square.
+def plane_of_statement(stated: TargetStatement, noise: NoiseModel) -> PlaneTarget | None:
+    """The plane as touched or stated; None if it is unknown.
 
-    Parameters
-    ----------
-    plane : PluckerPlane
-        The board, frame b; its normal may point either way.
-    flange_b : array_like, shape (3,)
-        About where the flange was: on the side that lines are seen from.
-    sigma : float
-        Standard deviation of each touched corner of a square with side
-        `STATED_PLANE_SQUARE_SIDE`, in metres.
-    geometry : float
-        Standard deviation of the arm's geometry error, metres.
+    One that the user states is as sure as one touched at the corners of a square with side
+    `STATED_PLANE_SQUARE_SIDE`; its normal may point either way.
     """
-    flange = np.asarray(flange_b, dtype=float)
-    bare = PlaneTarget.from_unknown_plane(plane, flange)
-    corners = STATED_PLANE_SQUARE_SIDE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange, geometry=geometry)
+    points_b = stated.touched
+    if stated.plane is not None:
+        plane = PluckerPlane(np.array(stated.plane[:3]), 1e-3 * stated.plane[3])
+        bare = PlaneTarget.from_unknown_plane(plane, stated.flange_b)
+        corners = STATED_PLANE_SQUARE_SIDE / 2 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+        points_b = bare.centre_b + corners @ bare.axes_b
+    if points_b is None:
+        return None
+    return fit_plane(points_b, noise.touch, stated.flange_b, geometry=noise.geometry)
 
 
 def _check_touch_span(singular: Array, sigma: float) -> None:

@@ -146,11 +146,6 @@ def _roof_of_lines(profile: Profile, a: LineFit, b: LineFit) -> RoofFit | None:
     return RoofFit(left, right, edge)
 
 
-@dataclass(frozen=True, slots=True)
-class UnknownRoof:
-    """A roof edge that stays at one place, unknown, in frame b."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class RoofTarget:
     """A roof edge: two planes that meet, somewhere in frame b.

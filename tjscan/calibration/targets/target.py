@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tjscan.calibration.noise import FlangeMoves, NoiseModel
 from tjscan.core.errors import CalibrationRefused
@@ -76,6 +77,28 @@ class PosedFit(Generic[Fit]):
     by_laser: Array | None = None
     by_arm: Array | None = None
     q: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetStatement:
+    """What is stated of a target before the sensor is calibrated on it.
+
+    Parameters
+    ----------
+    flange_b : ndarray, shape (3,)
+        About where the flange was, frame b, metres: on the side that a board is seen from.
+    radius : float or None
+        Of a ball, metres; None if it is unknown.
+    touched : array_like, shape (m, 3), or None
+        Points of a board that were touched, frame b, metres.
+    plane : tuple of float or None
+        A board A, B, C, D in frame b: A x + B y + C z + D = 0; D in millimetres.
+    """
+
+    flange_b: Array
+    radius: float | None = None
+    touched: ArrayLike | None = None
+    plane: tuple[float, float, float, float] | None = None
 
 
 def fit_profiles(

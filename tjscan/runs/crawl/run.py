@@ -36,6 +36,7 @@ from tjscan.crawler.journal import (
     read_crawl_messages,
 )
 from tjscan.crawler.method import FollowingMethod
+from tjscan.crawler.paper_joint import PaperJointReader
 from tjscan.crawler.paper_method import PaperMethod
 from tjscan.crawler.pass_record import PASS_END
 from tjscan.crawler.phases import Phase
@@ -139,7 +140,12 @@ class CrawlContext(JobContext[CrawlJob]):
         if job.method == "paper":
             return PaperMethod(job.vehicle.geometry, job.vehicle.tracks)
         known = slip or self.initial_slip
-        return SlipAwareMethod(job.vehicle.geometry, known, job.slip, job.steering)
+        vehicle = job.vehicle
+        return SlipAwareMethod(vehicle.geometry, known, job.slip, job.steering, vehicle.tracks)
+
+    def make_reader(self) -> JointReader:
+        """Make what reads the joint for that method; it has seen nothing yet."""
+        return PaperJointReader() if self.job.method == "paper" else RememberingTracker()
 
 
 def make_crawler(
@@ -161,8 +167,7 @@ def make_crawler(
         Which remembers the joint already; one that has seen nothing if left out.
     """
     job = context.job
-    reader = reader or RememberingTracker()
-    tracks = job.vehicle.tracks
+    reader, tracks = reader or context.make_reader(), job.vehicle.tracks
     devices = CrawlDevices(cell.vehicle, cell.laser, cell.torch, reader, cell.clock, tracks)
     plan = CrawlPlan(job.alignment, job.weld, job.passes)
     corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
@@ -327,7 +332,7 @@ def resume_crawl(
     with add_file_to_errors(context.job_file):
         check_sizing(context.job)
         cell = make_crawl_cell(context.job, left)
-    method, reader = context.make_method(slip), RememberingTracker()
+    method, reader = context.make_method(slip), context.make_reader()
     for cycle, profile in found.profiles:
         with suppress(GrooveNotFound):
             reader.read(profile, cycle.travel)
@@ -513,7 +518,7 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
         if is_by_hand(cycle.phase, cycle.commanded):
             method.forget_place()
         elif 0 < period <= LONGEST_PERIOD:  # in longer ones it did not move
-            method.move(cycle.state.odometry, period, cycle.commanded)
+            method.move(cycle.state, period, cycle.commanded)
         if cycle.was_read:
             method.read(cycle.d, cycle.d_sigma)
         if cycle.arc:

@@ -41,6 +41,7 @@ Seconds = Annotated[float, Ge(-1e12), Le(1e12)]
 Metres = Annotated[float, Ge(-1e6), Le(1e6)]
 Speed = Annotated[float, Ge(-10), Le(10)]
 TurnRate = Annotated[float, Ge(-100), Le(100)]
+Angle = Annotated[float, Ge(-10), Le(10)]
 Torque = Annotated[float, Ge(-1e6), Le(1e6)]
 Distance = Annotated[float, Ge(0), Le(100)]
 
@@ -149,6 +150,9 @@ class StateMessage(WireMessage):
         Of the drives; empty if they are well.
     commander : str
         Session of the program whose commands it takes; empty if there is none.
+    gyro, down : tuple of float
+        Turn rate by a gyro, rad/s, and direction of down by an inclinometer, radians; empty without
+        a sample, or left out.
     """
 
     clock: Seconds
@@ -159,6 +163,8 @@ class StateMessage(WireMessage):
     proximity: Annotated[tuple[Distance | None, ...], Len(0, len(PROXIMITY_CORNERS))] = ()
     fault: Annotated[str, Len(0, 500)] = ""
     commander: Annotated[str, Len(0, 64)] = ""
+    gyro: Annotated[tuple[TurnRate, ...], Len(0, 1)] = ()
+    down: Annotated[tuple[Angle, ...], Len(0, 1)] = ()
 
     def __post_init__(self) -> None:
         if len(self.proximity) not in (0, len(PROXIMITY_CORNERS)):
@@ -179,6 +185,8 @@ class StateMessage(WireMessage):
             proximity=tuple(d if isfinite(d) else None for d in state.proximity),
             fault=state.fault,
             commander=commander,
+            gyro=state.gyro,
+            down=state.down,
         )
 
     @property
@@ -190,6 +198,8 @@ class StateMessage(WireMessage):
             self.torques,
             tuple(inf if d is None else d for d in self.proximity),
             self.fault,
+            self.gyro,
+            self.down,
         )
 
 
