@@ -34,6 +34,9 @@ DISTURBANCE_BEGINS: Final = (3.0, 6.0)
 NOTICED_WITHIN: Final = 10.0
 """Seconds within which it is to be named."""
 
+CLEAR_START: Final = 300.0
+"""Millimetres between an obstacle that comes and all vehicles and cable, at first."""
+
 Disturb = Callable[[TowingWorld, SimulatedLocalisation, int], None]
 """Changes a world, or what is seen of it, for a vehicle from 0; called every 10 ms."""
 
@@ -329,7 +332,7 @@ def visiting_obstacle_keys(seed: int) -> dict[str, Any]:
     """Keys of a job in which an obstacle comes onto seam or cable, stands there, and leaves.
 
     Every other one comes from beyond the wall onto the seam ahead of the welder, the others onto
-    the cable from where it bulges to.
+    the cable from where it bulges to. It begins well clear of the first shape.
     """
     rng = np.random.default_rng(seed)
     speed, radius = rng.uniform(0.03, 0.2), rng.uniform(0.05, 0.2)
@@ -337,10 +340,15 @@ def visiting_obstacle_keys(seed: int) -> dict[str, Any]:
     x, y = piece["seam.points_mm"][0]
     if seed % 2:
         stop = np.array((x, y + rng.uniform(150, 250) + 1e3 * radius + 170))
-        begin = stop + np.array((rng.uniform(-300, 300), 700.0))
+        away = np.array((rng.uniform(-300, 300), 700.0))
     else:
         stop = np.array((rng.uniform(0.3, 0.7) * x, y - rng.uniform(300, 1200)))
-        begin = stop + 900.0 * np.array((rng.uniform(-0.5, 0.5), -1.0))
+        away = 900.0 * np.array((rng.uniform(-0.5, 0.5), -1.0))
+    job = read_tow_job(EXAMPLES / "tow-simulation.toml", piece)
+    links = 1e3 * check_seam(job, make_shape_planner(job)).start.link_poses[:, :2]
+    begin = stop + away
+    while np.hypot(*(links - begin).T).min() < 1e3 * (radius + job.vehicles.radius) + CLEAR_START:
+        begin += 0.05 * away
     walked = float(np.linalg.norm(stop - begin)) / 1e3 / speed
     obstacle = {
         "name": "trolley",

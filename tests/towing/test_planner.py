@@ -145,12 +145,14 @@ def test_a_welder_beyond_reach_of_one_that_stands_halts_and_says_so(begun: Towin
         assert "does not reach" in plan.halt
 
 
-def test_who_stands_where_a_link_must_go_halts(begun: TowingPlan) -> None:
+def test_what_is_where_a_link_must_go_makes_the_welder_wait(begun: TowingPlan) -> None:
+    """The cable can neither stay nor be away in time: it leads away as vehicles can drive."""
     x, y, _ = begun.link_poses[25]
-    there = [DiscObstacle(x, y, 0.3)]
+    there = [DiscObstacle(x, y, 0.3, name="crate")]
     plan = planner().plan(PlanInputs(begun.held_poses, WELDER, 0.1, begun, there))
-    # It can neither stay nor be away in time: both are missed alike.
-    assert "further than it can" in plan.halt or "too near" in plan.halt
+    assert "too near to crate" in plan.halt + plan.retreat
+    steps = np.hypot(*(plan.held_poses - begun.held_poses)[:-1, :2].T)
+    assert plan.halt or steps.max() <= 0.1 * TEAM.top_speed + 1e-6
 
 
 def test_a_cable_that_lies_on_itself_halts_however_sound_the_plan_is(begun: TowingPlan) -> None:
@@ -268,3 +270,25 @@ def test_links_that_need_no_clearance_from_walls_keep_clear_of_discs_and_name_th
     assert row["margin"] == pytest.approx(0.06 - 0.05 - 0.02, abs=2e-6)
     text = limits.describe(row, BROKEN_LIMIT_TEXTS)
     assert f"link {link} would be 10 mm too near to jack" in text
+
+
+def test_vehicles_lead_away_from_what_came_quicker_than_they_drive(begun: TowingPlan) -> None:
+    """It is 60 mm nearer to vehicle 3 than it may be: all that a plan can do is to lead away."""
+    x, y, _ = begun.held_poses[2]
+    disc = DiscObstacle(x + 0.3, y + 0.1, 0.1, name="trolley")
+    before = np.hypot(0.3, 0.1)
+    disc = replace(disc, radius=before - TEAM.body_radius - 0.02 + 0.06)
+    plan, gaps = begun, [before]
+    for _ in range(12):
+        plan = planner().plan(PlanInputs(plan.held_poses, WELDER, 0.1, plan, [disc]))
+        assert not plan.halt, plan.halt
+        gaps.append(float(np.hypot(*(plan.held_poses[2, :2] - (disc.x, disc.y)))))
+        if not plan.retreat:
+            break
+        assert "vehicle 3 would be" in plan.retreat or "too near to trolley" in plan.retreat
+        assert clearance(plan)[2] > 2 * TEAM.body_radius + 0.05
+    steps = np.diff(gaps)
+    assert not plan.retreat
+    assert gaps[-1] == pytest.approx(before + 0.06, abs=0.02)
+    assert steps.max() <= 0.1 * TEAM.top_speed + 1e-6
+    assert steps[:5].min() > 0.5 * 0.1 * TEAM.top_speed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from datetime import datetime
 from enum import StrEnum
 from math import isfinite, nan
@@ -100,11 +100,18 @@ def dataclass_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
     """Codec of a dataclass, field by field; for the parameters see `value_codec`."""
     hints = get_type_hints(kind, include_extras=True)
     codecs = {field.name: value_codec(hints[field.name], decimals) for field in fields(kind)}
+    optional = {field.name for field in fields(kind) if field.default is not MISSING}
     schemas = {name: codec.schema for name, codec in codecs.items()}
     return ValueCodec(
         {"type": "object", "title": f"tjscan.{kind.__name__}", "properties": schemas},
         lambda message: {name: one.encode(getattr(message, name)) for name, one in codecs.items()},
-        lambda content: kind(**{name: one.decode(content[name]) for name, one in codecs.items()}),
+        lambda content: kind(
+            **{
+                name: one.decode(content[name])
+                for name, one in codecs.items()
+                if name in content or name not in optional  # older programs did not write it
+            }
+        ),
     )
 
 

@@ -256,8 +256,8 @@ class CableTow:
         plan, pace = self._plan_next_step(estimate, obstacles, pace)
         seconds = host.thread_time() - began
         self._grip.update(plan)
-        if plan.halt:
-            waiting = waiting or WaitingReason(plan.halt)
+        if plan.halt or plan.retreat:
+            waiting = waiting or WaitingReason(plan.halt or plan.retreat)
         elif pace == 0 and waiting is None:
             waiting = WaitingReason("one step on, the cable has no shape within its limits")
         self._shapeless = bool(plan.halt) or (pace == 0 and allowed > 0)
@@ -297,7 +297,7 @@ class CableTow:
         step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
         if pace and self._is_next_step_worth_planning(estimate, obstacles, step):
             plan = self._plan_ahead(estimate, obstacles, step)
-            if not plan.halt:
+            if not (plan.halt or plan.retreat):
                 return plan, pace
         return self._plan_ahead(estimate, obstacles, 0.0), 0.0
 
@@ -312,7 +312,8 @@ class CableTow:
         noise = OUTLIER_SIGMAS * float(estimate.sigmas[:, 0].max())
         if not self._shapeless or noise <= step:
             return True
-        return not self._plan_ahead(estimate, obstacles, noise).halt
+        plan = self._plan_ahead(estimate, obstacles, noise)
+        return not (plan.halt or plan.retreat)
 
     def _plan_ahead(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], ahead: float

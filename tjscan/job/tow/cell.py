@@ -285,10 +285,10 @@ def _plan_seam_from_start(
         pose = seam.pose_at(along)
         plan = planner.plan(PlanInputs(plan.held_poses, pose, SEAM_STEP_SECONDS, plan, obstacles))
         plans.append(plan)
-        if plan.halt:
+        if plan.halt or plan.retreat:
             break
         reached = float(along)
-    return SeamFeasibility(start, seam.length, reached, plan.halt, tuple(plans))
+    return SeamFeasibility(start, seam.length, reached, plan.halt or plan.retreat, tuple(plans))
 
 
 def _refuse_seam_beyond_cable(seam: Seam, length: float, root: tuple[float, float]) -> None:

@@ -1,7 +1,8 @@
 """The shape near a limit: sequential quadratic programs, solved by ProxQP.
 
-A slack that is punished exactly keeps every program soluble. What of it remains at the end is how
-far the limits can't be kept: such a shape is never sent.
+Two slacks that are punished exactly keep every program soluble: one of clearances of discs, which
+may come quicker than vehicles can drive, and one of all other limits. What of them remains at the
+end is how far the limits can't be kept.
 """
 
 from __future__ import annotations
@@ -48,6 +49,18 @@ LONGEST_JOINT_TURN: Final = 0.2
 
 LIMIT_VIOLATION_COST: Final = 1e3
 """Cost of a metre of slack; the objective is 100 at worst and changes by some tens a metre."""
+
+MOST_TRIALS: Final = 13
+"""Of steps: a whole one, one corrected for the curvature of constraints, and ever shorter ones."""
+
+LARGEST_CLOSED_MISS: Final = 1e-4
+"""Metres by which a limit is missed at most that the last step closes."""
+
+LEAST_MULTIPLIER: Final = 1e-6
+"""Of a row that holds the shape: the objective's change by its metres."""
+
+SPEED_VIOLATION_FACTOR: Final = 3.0
+"""How much more a metre counts that a vehicle can't drive: no clearance is worth it."""
 
 QP_SOLVED: Final = proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
 
@@ -137,16 +150,23 @@ def _evaluate_shape(
     rows: LimitRows,
     band: float,
 ) -> tuple[float, float, float, int]:
-    """Fill state and rows; objective, constraints' sum, worst limit, number of rows."""
+    """Fill state and rows; objective, constraints' sum, worst limits' sum, number of rows.
+
+    The worst limits are that of discs, and that of all else.
+    """
     problem, state = ShapeArrays(*plain_problem), ShapeState(*plain_state)
     limits, obstacles = LimitArrays(*plain_limits), Obstacles(*plain_obstacles)
     f = evaluate_shape(angles, problem, obstacles, state)
     room = RowBuffer(rows, np.zeros(1, np.int64), band)
     fill_limit_rows(room, angles, state.links, limits, obstacles)
-    used, worst = room.total[0], 0.0
+    used, worst, worst_disc = room.total[0], 0.0, 0.0
     for r in range(min(used, len(rows))):
-        worst = max(worst, -rows[r].margin)
-    return f, np.abs(state.constraint).sum(), worst, used
+        counts = SPEED_VIOLATION_FACTOR if rows[r].kind == LimitKind.SPEED else 1.0
+        if rows[r].disc >= 0:
+            worst_disc = max(worst_disc, -rows[r].margin)
+        else:
+            worst = max(worst, -rows[r].margin * counts)
+    return f, np.abs(state.constraint).sum(), worst + worst_disc, used
 
 
 @inlined
@@ -288,11 +308,17 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
         slope -= LIMIT_VIOLATION_COST * max(now.worst - left, 0.0)
         merit = now.merit(fix)
         share = min(1.0, LONGEST_JOINT_TURN / max(float(np.abs(step).max()), 1e-300))
-        for _ in range(12):
-            after.move_to(now.angles + share * step, band)
+        correction = np.zeros(n)
+        for trial in range(MOST_TRIALS):
+            after.move_to(now.angles + share * step + correction, band)
             if after.merit(fix) <= merit + 1e-4 * share * slope + 1e-10 * abs(merit):
                 break
-            share *= 0.5
+            if trial == 0:
+                missed = after.state.constraint - (1 - share * reach) * now.state.constraint
+                held = rows[np.abs(z) > LEAST_MULTIPLIER] if len(z) == len(rows) else rows[:0]
+                correction = _correct_for_curvature(limits, now, after, held, missed)
+            else:
+                correction, share = np.zeros(n), 0.5 * share
         else:
             if len(z) == 0 or band > LIMIT_BAND_WIDTH:
                 break
@@ -304,8 +330,58 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
         if -slope < 1e-7 * max(1.0, abs(now.f)) and np.abs(now.state.constraint).max() < 1e-7:
             break
     rows = now.rows
-    holds = (rows["margin"] < 1e-5) & (np.abs(z) > 1e-6) if len(z) == len(rows) else slice(0)
-    return LimitedShape(now.angles, iteration, rows[holds])
+    holds = (
+        (rows["margin"] < 1e-5) & (np.abs(z) > LEAST_MULTIPLIER)
+        if len(z) == len(rows)
+        else slice(0)
+    )
+    pressed = rows[holds].copy()
+    near = rows[(np.abs(rows["margin"]) < LARGEST_CLOSED_MISS) & (rows["disc"] < 0)]
+    changes = np.append(-now.state.constraint, -np.minimum(near["margin"], 0.0))
+    closed = now.angles + np.linalg.lstsq(_held_gradients(limits, now, near), changes)[0]
+    after.move_to(closed, band)
+    if after.merit(fix) <= now.merit(fix) + LARGEST_CLOSED_MISS:
+        now = after
+    return LimitedShape(now.angles, iteration, pressed)
+
+
+def _correct_for_curvature(
+    limits: LimitedProblem, now: _ShapeIterate, after: _ShapeIterate, rows: LimitRows, missed: Array
+) -> Array:
+    """Least further step that makes up for what a step misses constraints and limits by.
+
+    Those miss what curvature takes from their linear change. Without such a correction only tiny
+    steps gain (Maratos, 1978).
+
+    Parameters
+    ----------
+    limits : LimitedProblem
+    now, after : _ShapeIterate
+        Before the step, and after it.
+    rows : ndarray of `limits.ROW_TYPE`
+        Limits that hold the shape.
+    missed : ndarray, shape (3 E,)
+        By the constraints.
+    """
+    links, moved, gradients = now.state.links, after.state.links, _held_gradients(limits, now, rows)
+    lost = gradients[len(missed) :] @ (after.angles - now.angles)
+    ends, moved_ends = links[:, 0] + 1j * links[:, 1], moved[:, 0] + 1j * moved[:, 1]
+    turned = np.exp(1j * (moved[:, 2] - links[:, 2]))
+    for link, x, y, sign in (("link", "x", "y", 1), ("other", "other_x", "other_y", -1)):
+        which, place = rows[link], rows[x] + 1j * rows[y]
+        way = moved_ends[which] + turned[which] * (place - ends[which]) - place
+        change = rows["grows_x"] * way.real + rows["grows_y"] * way.imag
+        lost -= sign * np.where(which >= 0, change, 0.0)
+    lost[rows["kind"] == LimitKind.JOINT] = 0.0
+    return np.asarray(np.linalg.lstsq(gradients, np.append(-missed, lost))[0])
+
+
+def _held_gradients(limits: LimitedProblem, now: _ShapeIterate, rows: LimitRows) -> Array:
+    """Derivatives of constraints and of rows by the angles, shape (3 E + R, N)."""
+    links, count = now.state.links, len(now.state.constraint)
+    gradients = np.vstack((now.state.jacobian, np.empty((len(rows), len(links)))))
+    limit_gradients(rows, limits.arrays.root, links, gradients[count:])
+    return gradients
 
 
 def _solve_program(
@@ -313,26 +389,31 @@ def _solve_program(
 ) -> tuple[Array, float, Array, Array, float]:
     """Step, slack left, multipliers of constraints and rows, and the share of c that is met.
 
-    Joints at their limits may not let the whole of the constraints be met in one step.
+    Joints and speeds have no slack. They may not let the whole of the constraints be met in one
+    step.
     """
     constraint, jacobian, links = now.state.constraint, now.state.jacobian, now.state.links
     m, n = jacobian.shape
-    hessian, gradient = np.eye(n + 1), np.append(objective_gradient, LIMIT_VIOLATION_COST)
+    hessian, gradient = np.eye(n + 2), np.append(objective_gradient, 2 * [LIMIT_VIOLATION_COST])
     chain_hessian(derivatives_of_state(now.state), links, limits.arrays.length, hessian[:n, :n])
     hessian[:n, :n] += shift * np.eye(n)
-    A, rows = np.zeros((m, n + 1)), np.ones((len(now.rows) + 1, n + 1))
-    A[:, :n], rows[-1, :n] = jacobian, 0.0
+    margins, kinds, of_disc = now.rows["margin"], now.rows["kind"], now.rows["disc"] >= 0
+    is_hard = (kinds == LimitKind.JOINT) | (kinds == LimitKind.SPEED)
+    A, rows = np.zeros((m, n + 2)), np.eye(len(margins) + 2, n + 2, n - len(margins))
+    A[:, :n] = jacobian
     limit_gradients(now.rows, limits.arrays.root, links, rows)
-    low, high = np.append(-now.rows["margin"], 0.0), np.full(len(rows), 1e20)
+    rows[:-2, n], rows[:-2, n + 1] = ~is_hard & ~of_disc, of_disc
+    low, high = np.append(-margins, (0.0, 0.0)), np.full(len(rows), 1e20)
     reach = 1.0
     while reach > 1e-3:
-        qp = proxsuite.proxqp.dense.QP(n + 1, m, len(rows))
+        qp = proxsuite.proxqp.dense.QP(n + 2, m, len(rows))
         qp.settings.eps_abs = 1e-8
         qp.init(hessian, gradient, A, -reach * constraint, rows, low, high)
         qp.settings.max_iter, qp.settings.max_iter_in = MOST_OUTER_ITERATIONS, MOST_INNER_ITERATIONS
         qp.solve()
         found = qp.results
         if found.info.status == QP_SOLVED:
-            return found.x[:n], max(float(found.x[n]), 0.0), found.y, found.z[:-1], reach
+            left = float(np.maximum(found.x[n:], 0.0).sum())
+            return found.x[:n], left, found.y, found.z[:-2], reach
         reach *= 0.25
     return np.zeros(n), now.worst, np.zeros(m), np.zeros(0), 0.0

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from math import degrees, hypot, pi
+from math import cos, degrees, hypot, pi, sin
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -87,6 +87,13 @@ LEAST_KEPT_MARGIN: Final = -1e-6
 
 JOINT_RADIANS_COUNTED_AS_METRE: Final = 5.0
 """Radians of a joint's margin that count as a metre of distance: a step changes them so."""
+
+
+SPEED_DIRECTIONS: Final = tuple((cos(k * pi / 4), sin(k * pi / 4)) for k in range(8))
+"""In which a vehicle's way from one plan to the next is limited, unit vectors."""
+
+SPEED_POLYGON_SHARE: Final = cos(pi / 8)
+"""Distance of the sides of a regular octagon from its middle, over that of its corners."""
 
 
 class LimitArrays(NamedTuple):
@@ -343,14 +350,18 @@ def add_cable_self_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> N
 
 @inlined
 def add_speed_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
-    """Rows of vehicles that are sent nearly as far as they can go."""
+    """Rows of vehicles in `SPEED_DIRECTIONS`.
+
+    The polygon is within the circle that a vehicle reaches. A single row along its way would leave
+    it free across, and in any direction while it has none.
+    """
     for p in range(len(limits.paced)):
         at = link_end(limits.paced[p], limits.root, links)
         x, y = at.x - limits.pace_from[p, 0], at.y - limits.pace_from[p, 1]
-        d = hypot(x, y)
-        if limits.pace - d < room.band:
-            d = max(d, 1e-9)
-            add_row(room, LimitKind.SPEED, limits.pace - d, -x / d, -y / d, at)
+        for ux, uy in SPEED_DIRECTIONS:
+            margin = SPEED_POLYGON_SHARE * limits.pace - ux * x - uy * y
+            if margin < room.band:
+                add_row(room, LimitKind.SPEED, margin, -ux, -uy, at)
 
 
 @inlined

@@ -111,6 +111,9 @@ class TowingPlan:
     halt : str
         Why no vehicle may drive on: empty if the plan may be sent. The angles of a halt are those
         of the last shape tried, to be shown, never to be sent.
+    retreat : str
+        What came too near, if the plan only leads away from it, as far as vehicles can drive: it
+        may be sent, and the welder must wait.
     rest : ndarray, shape (N, 2), or None
         Towards which the floor holds the links of the estimate, metres; None if it is not known.
     deviations : ndarray, shape (N,), or None
@@ -130,6 +133,7 @@ class TowingPlan:
     limits: tuple[str, ...] = ()
     iterations: int = 0
     halt: str = ""
+    retreat: str = ""
     rest: PlanarPoints | None = None
     deviations: Array | None = None
     forces: PlanarPoints | None = None

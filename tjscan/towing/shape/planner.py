@@ -38,6 +38,9 @@ POSE_TOLERANCE: Final = 1e-6
 LEAST_POSE_MISS: Final = 1e-3
 """Metres of a missed pose below which a limit that is broken, too, shows better what is wrong."""
 
+LEAST_RETREAT: Final = 1e-4
+"""Metres by which a plan must lead away from what came too near: less is not worth a way."""
+
 LONGEST_LINK_STEP: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
 
@@ -127,6 +130,7 @@ class TowingPlanner:
             pressed = tuple(limits.describe(row) for row in limited.pressed)
             iterations += limited.iterations
         halt = shape.objection(now.angles, pressed)
+        retreat = "" if halt or shape.is_feasible else shape.broken_limit(pressed)
         known = (self.cable, held, now, poses, settings.trust)
         forces, tension = (None, None) if last is None else cable_forces(*known)
         near = last is not None and np.abs(now.angles).max() > NEAR_LIMIT * self.cable.joint_limit
@@ -134,6 +138,7 @@ class TowingPlanner:
         return shape.plan(
             iterations=iterations,
             halt=halt,
+            retreat=retreat,
             limits=pressed,
             rest=now.rest,
             deviations=deviations,
@@ -225,16 +230,9 @@ class CheckedShape:
         pressed : sequence of str
             Limits that hold the shape where it is.
         """
-        if not self.is_feasible:
-            if self.margin < LEAST_KEPT_MARGIN and self.off < max(-self.margin, LEAST_POSE_MISS):
-                return self._worst_row(self.rows)
-            held = f"; what holds it: {', '.join(pressed[:3])}" if pressed else ""
-            return (
-                "the cable does not reach within its limits: it ends "
-                f"{format_figure(1e3 * self.off)} mm short of the welder or of a vehicle that "
-                f"does not move{held}"
-            )
-        here = self.limits.rows(estimate)
+        here = self._rows_of_places(estimate)
+        if not self.is_feasible and not self._leads_away_from_discs(here):
+            return self.broken_limit(pressed)
         near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
         if worst_margin(near) < -LARGEST_ESTIMATE_OVERLAP:
             return f"with the estimated cable, {self._worst_row(near)}"
@@ -242,10 +240,39 @@ class CheckedShape:
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LONGEST_LINK_STEP))
         for k in range(1, steps):
-            between = self.limits.rows(estimate + k / steps * (self.angles - estimate))
-            if worst_margin(between) < -LONGEST_LINK_STEP:
+            between = self._rows_of_places(estimate + k / steps * (self.angles - estimate))
+            if worst_margin(between) < min(-LONGEST_LINK_STEP, worst_margin(here)):
                 return f"on the way there, {self._worst_row(between)}"
         return ""
+
+    def _rows_of_places(self, angles: Array) -> LimitRows:
+        """Rows of limits that a shape breaks by where it is, not by how far vehicles drive."""
+        rows = self.limits.rows(angles)
+        placed: LimitRows = rows[rows["kind"] != LimitKind.SPEED]
+        return placed
+
+    def _leads_away_from_discs(self, here: LimitRows) -> bool:
+        """Whether it breaks only clearances of discs, and less than where the cable is.
+
+        What comes may be quicker than vehicles can drive.
+        """
+        discs, here_discs = self.rows["disc"] >= 0, here[here["disc"] >= 0]
+        return (
+            self.off < POSE_TOLERANCE
+            and worst_margin(self.rows[~discs]) > LEAST_KEPT_MARGIN
+            and self.margin > worst_margin(here_discs) + LEAST_RETREAT
+        )
+
+    def broken_limit(self, pressed: Sequence[str] = ()) -> str:
+        """What it breaks, in words; see `objection`."""
+        if self.margin < LEAST_KEPT_MARGIN and self.off < max(-self.margin, LEAST_POSE_MISS):
+            return self._worst_row(self.rows)
+        held = f"; what holds it: {', '.join(pressed[:3])}" if pressed else ""
+        return (
+            "the cable does not reach within its limits: it ends "
+            f"{format_figure(1e3 * self.off)} mm short of the welder or of a vehicle that "
+            f"does not move{held}"
+        )
 
     def _worst_row(self, rows: LimitRows) -> str:
         return self.limits.describe(rows[rows["margin"].argmin()], BROKEN_LIMIT_TEXTS)
