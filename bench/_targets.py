@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -10,8 +11,12 @@ from _board import BoardSimulator
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.closed_form import PluckerPlane, plane_through_point
+from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import CircleFit, fit_circle
+from tjscan.calibration.targets.line import LineFit
+from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
 from tjscan.calibration.targets.roof import RoofFit, fit_roof
 from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
@@ -24,6 +29,17 @@ BALL_B: Final = np.array((0.8, 0.1, 0.3))
 EDGE_B: Final = np.array((0.8, 0.1, 0.25))
 SLOPES: Final = np.radians((40.0, -45.0))
 """Of the roof's planes, about the y axis of b."""
+
+
+def calibrate_on_plane(
+    samples: Sequence[PosedFit[LineFit]],
+    target: PlaneTarget | None,
+    noise: NoiseModel,
+    *,
+    T_f_s_guess: Array | None = None,
+) -> HandEyeCalibration:
+    """Calibrate on lines that were seen on one board, touched or unknown."""
+    return calibrate_on_targets([SeenBoard(samples, target, noise)], noise, T_f_s_guess=T_f_s_guess)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

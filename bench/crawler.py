@@ -277,7 +277,7 @@ def falls() -> int:
                 vehicle.stop()
             for _ in range(100):
                 vehicle.next_state()
-            fallen += not body.steel.holds(_track_ends(body.plant.pose_w)).all()
+            fallen += not body.steel.covers_points(_track_ends(body.plant.pose_w)).all()
     return fallen
 
 

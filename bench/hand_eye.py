@@ -15,12 +15,12 @@ from _board import BoardSimulator, points_rms
 from _mistakes import KINDS, RADIUS, MistakeMaker
 from _stopwatch import Stopwatch
 from _table import Row, main
-from _targets import TargetSimulator
+from _targets import TargetSimulator, calibrate_on_plane
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.closed_form import PluckerPlane, plane_through_point, solve_closed_form
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.hand_eye import calibrate_on_plane, calibrate_on_targets
+from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.pose_files import pair_profiles_with_poses, read_flange_poses
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty

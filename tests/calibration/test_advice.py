@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from _board import transform_plane
+from _targets import calibrate_on_plane
 from calibration_stage import (
     CENTRE,
     EXACT_HAND,
@@ -23,7 +24,6 @@ from hypothesis import strategies as st
 
 from tjscan.calibration.checks import check_rotation_condition
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.targets.line import stack_lines
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.session import (
@@ -173,4 +173,4 @@ def test_a_suggestion_needs_candidates_that_see_the_board() -> None:
     for candidates in ([], [away]):
         with pytest.raises(CalibrationRefused, match="no pose to suggest"):
             PREDICTION.most_informative_pose(candidates, [])
-    assert PREDICTION.lines(away[None]).information.max() == 0
+    assert PREDICTION.predict_lines(away[None]).information.max() == 0

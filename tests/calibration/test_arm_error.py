@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from _targets import calibrate_on_plane
 from calibration_stage import (
     CENTRE,
     HAND,
@@ -21,7 +22,6 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.calibrate import ArmGeometryDeviation
 from tjscan.calibration.checks import verify_with_fresh_line
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import TYPICAL_FLANGE_LEVER, NoiseModel, geometry_error_correlation
 from tjscan.calibration.targets.line import LineFit
 from tjscan.calibration.targets.plane import SeenBoard, fit_plane
@@ -107,7 +107,10 @@ def test_a_known_arm_moves_as_its_deviations_move_it() -> None:
     moved = boxminus(deviate_joint_frames(arm, off).forward(q), arm.forward(q))
     # The maker's tolerance leaves 0.40 mm RMS, all directions together: so many metres each.
     np.testing.assert_allclose(
-        ArmGeometryDeviation(arm).moves(q) @ size.ravel() * 0.232e-3, moved, rtol=0.01, atol=1e-9
+        ArmGeometryDeviation(arm).flange_motion(q) @ size.ravel() * 0.232e-3,
+        moved,
+        rtol=0.01,
+        atol=1e-9,
     )
 
 
@@ -151,4 +154,4 @@ def test_a_fresh_line_that_errs_as_the_others_do_is_no_contradiction() -> None:
     alike = verify_with_fresh_line(replace(board, noise=noise), result, fresh)
     # It may miss no more than it may on an exact arm.
     assert alike.sigma_offset == pytest.approx(exact.sigma_offset, rel=1e-3)
-    assert alike.agrees
+    assert alike.line_agrees

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from _targets import calibrate_on_plane
 from calibration_stage import HAND, MM, NOISE, circle, raised, samples, shots, target
 
 from tjscan.calibration.file import (
@@ -14,7 +15,6 @@ from tjscan.calibration.file import (
     to_calibration_file,
     write_calibration,
 )
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from _board import BoardSimulator, points_rms
+from _targets import calibrate_on_plane
 from calibration_stage import (
     AXES,
     CENTRE,
@@ -35,7 +36,6 @@ from tjscan.calibration.closed_form import (
     solve_closed_form,
     transform_line,
 )
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel, geometry_error_correlation
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.solve.refine import (
@@ -340,12 +340,12 @@ def test_a_fresh_line_verifies_a_good_result_and_unmasks_a_bad_one() -> None:
         verify_with_fresh_line(board, result, samples(T[None], [profile])[0])
         for T, profile in zip(poses, profiles, strict=True)
     ]
-    assert all(check.agrees for check in checks)
+    assert all(check.line_agrees for check in checks)
     assert np.mean([check.misfit**2 for check in checks]) == pytest.approx(1.0, abs=0.45)
     moved = [
         samples(T[None], [raised(p, 1.5 * MM)])[0] for T, p in zip(poses, profiles, strict=True)
     ]
-    assert not any(verify_with_fresh_line(board, result, one).agrees for one in moved)
+    assert not any(verify_with_fresh_line(board, result, one).line_agrees for one in moved)
 
 
 def test_infinite_trust_is_no_noise_model() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from _targets import calibrate_on_plane
 from calibration_stage import (
     EXACT_HAND,
     NOISE,
@@ -13,7 +14,6 @@ from calibration_stage import (
     target,
 )
 
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import fit_circle
 from tjscan.calibration.targets.line import fit_line
@@ -33,7 +33,7 @@ POSES = circle(25)
 def bent(profile: Profile) -> list[Profile]:
     """The profile as each draw of the deviation has it."""
     xz = np.column_stack((profile.x_s, profile.z_s))
-    return [Profile(*(xz + by).T) for by in np.moveaxis(LASER.at(xz), 2, 0)]
+    return [Profile(*(xz + by).T) for by in np.moveaxis(LASER.displacements_at(xz), 2, 0)]
 
 
 def test_a_line_moves_as_it_does_when_fitted_again() -> None:
@@ -65,7 +65,7 @@ def test_an_arc_moves_as_it_does_when_fitted_again() -> None:
 def test_the_middle_of_the_window_is_in_the_middle() -> None:
     """Odd terms leave it alone: a scale and a tilt are none there."""
     middle = np.array([[0.0, 0.5 * (WINDOW.near + WINDOW.far)]])
-    by_x = LASER.at(middle)[0, 0]
+    by_x = LASER.displacements_at(middle)[0, 0]
     assert np.count_nonzero(np.abs(by_x) > 1e-12) == 2  # of second degree: x x and z z
 
 

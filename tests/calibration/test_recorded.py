@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from _board import points_rms
+from _targets import calibrate_on_plane
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets.line import LineFit, fit_line
 from tjscan.calibration.targets.target import PosedFit

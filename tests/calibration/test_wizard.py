@@ -382,7 +382,7 @@ def test_a_fresh_line_that_contradicts_is_refused_unless_the_operator_insists(
         stage.run(Watcher(), laser=Knocked(stage.cell, after=10))
     # What was measured is still there, and the same question is asked again.
     insist = Watcher(lambda q: True if "contradicts" in q.text else q.default)
-    assert not stage.run(insist)[1].agrees
+    assert not stage.run(insist)[1].line_agrees
     assert not any(question.moves for question in insist.questions)
 
 
@@ -576,7 +576,7 @@ def test_wherever_the_arm_stands_at_first_it_gets_there(
 ) -> None:
     """In the first of these, a wrist stands where many ways lead into its limit."""
     stage = Stage(tmp_path, simulation__arm__home_deg=home_deg, board__lines=12)
-    assert stage.run(Watcher())[1].agrees
+    assert stage.run(Watcher())[1].line_agrees
 
 
 @pytest.mark.parametrize(

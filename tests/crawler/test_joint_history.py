@@ -1,6 +1,7 @@
 """What is drawn of the joint is what the passes left."""
 
 import numpy as np
+import pytest
 
 from tjscan.core.frames import Array
 from tjscan.crawler.joint_sections import PLACES_ACROSS, height_over_hull, section_histories
@@ -45,6 +46,17 @@ def test_sections_are_those_after_each_pass_wherever_the_vehicle_was() -> None:
     )
     for height in found.values():
         np.testing.assert_allclose(height[np.abs(PLACES_ACROSS) > 0.011], 0.0, atol=1e-5)
+
+
+def test_a_filled_joint_that_is_not_read_is_drawn_where_the_vehicle_last_was() -> None:
+    """On the way back over the last pass only the crater at its end is read."""
+    offsets = (0.002, *[np.nan] * 4)
+    taken = [
+        (seen(Phase.RETURN, 3, 0.1 - 0.01 * k - 0.5, d, 0.0), profile(0.002, 0.001 if k else 0.02))
+        for k, d in enumerate(offsets)
+    ]
+    found = section_histories(taken, length=0.1, laser_to_torch=0.5)
+    assert found[3][len(PLACES_ACROSS) // 2] == pytest.approx(-0.001, abs=1e-5)
 
 
 def test_what_lies_beside_the_weld_does_not_count() -> None:

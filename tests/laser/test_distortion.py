@@ -11,7 +11,7 @@ MODEL = LaserModel(linearity=1e-4)
 
 
 def drawn(make: int) -> Distortion:
-    distortion = Distortion.draw(MODEL, make)
+    distortion = Distortion.draw_in_window(MODEL, make)
     assert distortion is not None
     return distortion
 
@@ -34,5 +34,5 @@ def test_no_point_is_off_by_more_than_the_linearity_and_some_nearly_are() -> Non
 def test_the_make_decides_and_a_model_without_errors_has_none() -> None:
     np.testing.assert_array_equal(errors(3), errors(3))
     assert (errors(3) != errors(4)).any()
-    assert Distortion.draw(LaserModel(), 3) is None
-    assert Distortion.draw(LaserModel.without_faults(), 3) is None
+    assert Distortion.draw_in_window(LaserModel(), 3) is None
+    assert Distortion.draw_in_window(LaserModel.without_faults(), 3) is None

@@ -48,7 +48,7 @@ def test_the_true_time_lies_within_what_is_stated(
     on_host = host_time_of_exposure(ticks, TICKS, latch)
     assert on_host.begin - ROUNDING <= exposed <= on_host.end + ROUNDING
     found, uncertainty = exposure_on_cell_clock(
-        on_host.middle, on_host.half, read_at + offset, cell_read
+        on_host.midpoint, on_host.half_length, read_at + offset, cell_read
     )
     assert abs(found - (exposed + offset)) <= uncertainty + ROUNDING
 
@@ -56,6 +56,8 @@ def test_the_true_time_lies_within_what_is_stated(
 def test_a_profile_is_never_earlier_than_the_clock_that_was_read_before_it() -> None:
     cell_read, latch = HostInterval(5.0, 5.1), HostInterval(5.1, 5.4)
     on_host = host_time_of_exposure(0, TICKS, latch)
-    found, uncertainty = exposure_on_cell_clock(on_host.middle, on_host.half, 70.0, cell_read)
+    found, uncertainty = exposure_on_cell_clock(
+        on_host.midpoint, on_host.half_length, 70.0, cell_read
+    )
     assert found >= 70.0
     assert uncertainty == pytest.approx(0.2)

@@ -53,7 +53,7 @@ def test_the_job_is_stronger_than_the_laser() -> None:
 def test_turned_axes_change_their_sign() -> None:
     plain = scales_of_laser(LASER, job())
     turned = scales_of_laser(LASER, job(flip_x=True, flip_z=True))
-    assert (turned.x, turned.z) == (plain.x.flipped(), plain.z.flipped())
+    assert (turned.x, turned.z) == (plain.x.flipped_axis(), plain.z.flipped_axis())
 
 
 @pytest.mark.parametrize(

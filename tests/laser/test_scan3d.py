@@ -77,7 +77,7 @@ def test_flipping_an_axis_twice_changes_nothing_and_once_its_sign(
     axis = AxisScale(scale, offset, 300, 60_000)
     plain, once, twice = (
         profile_of_row(raw, "Coord3D_AC16", Scan3dScales(x, AxisScale(scale)))
-        for x in (axis, axis.flipped(), axis.flipped().flipped())
+        for x in (axis, axis.flipped_axis(), axis.flipped_axis().flipped_axis())
     )
     np.testing.assert_array_equal(once.x_s, -plain.x_s)
     np.testing.assert_array_equal(twice.x_s, plain.x_s)

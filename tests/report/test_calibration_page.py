@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from _targets import calibrate_on_plane
 from calibration_stage import HAND, MM, NOISE, circle, raised, samples, shots, target
 from command import blank_pictures, tjscan
 
@@ -22,7 +23,6 @@ from tjscan.calibration.file import (
     views_of_poses,
     write_calibration,
 )
-from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import pose, rot_x, rot_y
 from tjscan.core.manifest import files_altered_since_written

@@ -85,7 +85,7 @@ def test_a_deviating_arm_is_solved_as_the_model_is() -> None:
 
 
 def absolute_errors(seed: int, postures: Array) -> Array:
-    errors = SimulatedArmErrors.draw(kinematics(), ArmErrorSettings(), seed)
+    errors = SimulatedArmErrors.draw_true_arm(kinematics(), ArmErrorSettings(), seed)
     still = np.zeros(6)
     off = [
         errors.flange_pose(q, still, 0.0)[:3, 3] - kinematics().forward(q)[:3, 3] for q in postures
@@ -101,7 +101,7 @@ def test_a_drawn_arm_is_off_by_what_a_calibrated_one_is() -> None:
 
 
 def test_the_arm_reports_what_its_controller_knows_and_stands_elsewhere() -> None:
-    errors = SimulatedArmErrors.draw(kinematics(), ArmErrorSettings(), 1)
+    errors = SimulatedArmErrors.draw_true_arm(kinematics(), ArmErrorSettings(), 1)
     arm = SimulatedArm(kinematics(), WELL, repeatability=(0, 0), errors=errors)
     with arm:
         state = arm.state()
@@ -112,7 +112,7 @@ def test_the_arm_reports_what_its_controller_knows_and_stands_elsewhere() -> Non
 
 def test_backlash_shows_between_two_ways_to_one_place() -> None:
     settings = ArmErrorSettings(offset=0, length=0, twist=0, backlash=1e-3)
-    errors = SimulatedArmErrors.draw(kinematics(), settings, 1)
+    errors = SimulatedArmErrors.draw_true_arm(kinematics(), settings, 1)
     arm = SimulatedArm(kinematics(), WELL, repeatability=(0, 0), errors=errors)
     place = kinematics().forward(WELL)
     seen = []
@@ -127,14 +127,14 @@ def test_backlash_shows_between_two_ways_to_one_place() -> None:
 def test_eccentricity_comes_back_after_a_turn_and_warmth_with_time() -> None:
     still = np.zeros(6)
     gears = ArmErrorSettings(offset=0, length=0, twist=0, eccentricity=1e-3)
-    errors = SimulatedArmErrors.draw(kinematics(), gears, 1)
+    errors = SimulatedArmErrors.draw_true_arm(kinematics(), gears, 1)
     q, turn = posture(5), np.array([0, 0, 0, 2 * np.pi, 0, 0])
     there, again = errors.flange_pose(q, still, 0.0), errors.flange_pose(q + turn, still, 0.0)
     np.testing.assert_allclose(there, again, rtol=0, atol=1e-12)
     assert np.linalg.norm(there[:3, 3] - kinematics().forward(q)[:3, 3]) > 1e-5
 
     warm = ArmErrorSettings(offset=0, length=0, twist=0, growth=1e-3, warm_up=100)
-    errors = SimulatedArmErrors.draw(kinematics(), warm, 1)
+    errors = SimulatedArmErrors.draw_true_arm(kinematics(), warm, 1)
     cold, hot = (last_joint(errors.flange_pose(q, still, time)) for time in (0.0, 1e4))
     np.testing.assert_allclose(cold, last_joint(kinematics().forward(q)), rtol=0, atol=1e-12)
     np.testing.assert_allclose(hot, 1.001 * cold, rtol=0, atol=1e-12)

@@ -17,4 +17,4 @@ def test_it_is_the_longest_gap_that_ended_lately_or_lasts(gaps: list[float], sin
         ended.append((moment, gap))
     now = moment + since
     lately = [gap for end, gap in ended if now - end < SILENCE_MEMORY]
-    assert abs(watch.longest(now) - max([since, *lately])) < 1e-9
+    assert abs(watch.longest_until(now) - max([since, *lately])) < 1e-9

@@ -254,7 +254,7 @@ def test_reading_states_what_the_groove_states() -> None:
 def test_a_shared_cause_compressed_says_the_same() -> None:
     cause = arm_geometry_cause(SECTIONS, by_deviations(), PlacementTolerance().sigmas, "assumed")
     whole = BudgetComponent("arm", "stated", True, cause.points, cause.measures)
-    less = whole.compressed()
+    less = whole.with_fewest_draws()
     assert less.points.shape[-1] < whole.points.shape[-1]
     a, b = UncertaintyBudget((whole,)), UncertaintyBudget((less,))
     for pair in (((0, 1), (3, 2)), ((2, 3), (2, 3))):
@@ -265,5 +265,5 @@ def test_a_shared_cause_compressed_says_the_same() -> None:
 def test_a_budget_turned_into_another_frame_turns_its_covariances() -> None:
     R = Rotation.random(rng=5).as_matrix()
     budget = budget_of_causes([reading_cause(SECTIONS)], np.eye(4), 4)
-    moved = budget.rotated(R)
+    moved = budget.rotated_budget(R)
     assert np.allclose(moved.corner_covariances, R @ budget.corner_covariances @ R.T)

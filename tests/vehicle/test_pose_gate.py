@@ -23,7 +23,9 @@ def test_what_comes_through_is_in_order_whatever_comes(numbers: list[int], clock
     through, times = [], []
     for place, number in enumerate(numbers):
         try:
-            times.append(gate.measured(pose(number, clock + 0.05 * number), 3.0 + 0.01 * place))
+            times.append(
+                gate.measuring_time(pose(number, clock + 0.05 * number), 3.0 + 0.01 * place)
+            )
             through.append(number)
         except BadMessage:
             pass
@@ -35,22 +37,24 @@ def test_what_comes_through_is_in_order_whatever_comes(numbers: list[int], clock
 @given(st.lists(st.floats(0.0, 0.4), min_size=2, max_size=40))
 def test_a_late_pose_is_dated_by_when_it_was_measured(delays: list[float]) -> None:
     gate, offset = PoseGate(), 1234.5
-    gate.measured(pose(0, 0.0), offset)  # at once
+    gate.measuring_time(pose(0, 0.0), offset)  # at once
     for number, delay in enumerate(delays, 1):
         sent = 0.5 * number
-        measured = gate.measured(pose(number, sent), offset + sent + delay)
+        measured = gate.measuring_time(pose(number, sent), offset + sent + delay)
         assert measured == pytest.approx(offset + sent, abs=0.03)  # the clocks may drift apart
 
 
 def test_a_clock_that_jumps_is_believed_when_it_keeps_to_it() -> None:
     gate = PoseGate()
     for number in range(10):
-        gate.measured(pose(number, 0.05 * number), 100 + 0.05 * number)
+        gate.measuring_time(pose(number, 0.05 * number), 100 + 0.05 * number)
     for first, jump in ((10, -3600.0), (40, 50.0)):
         dropped = 0
         for number in range(first, first + 30):
             try:
-                measured = gate.measured(pose(number, 0.05 * number + jump), 100 + 0.05 * number)
+                measured = gate.measuring_time(
+                    pose(number, 0.05 * number + jump), 100 + 0.05 * number
+                )
             except BadMessage:
                 dropped += 1
         assert dropped == OTHER_CLOCK_CONFIRMATIONS - 1
@@ -64,17 +68,17 @@ def test_a_single_wrong_clock_steers_nothing() -> None:
         now = 5 + 0.05 * number
         if wrong:
             with pytest.raises(BadMessage, match="clock"):
-                gate.measured(pose(number, 0.05 * number + wrong), now)
+                gate.measuring_time(pose(number, 0.05 * number + wrong), now)
         else:
-            assert gate.measured(pose(number, 0.05 * number), now) == pytest.approx(now)
+            assert gate.measuring_time(pose(number, 0.05 * number), now) == pytest.approx(now)
 
 
 def test_another_sender_takes_over_from_a_silent_one_alone() -> None:
     gate = PoseGate()
-    gate.measured(pose(5, 1.0), 10.0)
+    gate.measuring_time(pose(5, 1.0), 10.0)
     with pytest.raises(BadMessage, match="session"):
-        gate.measured(pose(1, 7.0, "other"), 10.1)
+        gate.measuring_time(pose(1, 7.0, "other"), 10.1)
     now = 10.0 + TAKEOVER_SILENCE
-    assert gate.measured(pose(2, 7.4, "other"), now) == now
+    assert gate.measuring_time(pose(2, 7.4, "other"), now) == now
     with pytest.raises(BadMessage, match="session"):
-        gate.measured(pose(6, 1.05), now + 0.05)
+        gate.measuring_time(pose(6, 1.05), now + 0.05)

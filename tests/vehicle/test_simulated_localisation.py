@@ -28,9 +28,9 @@ def given(
     out = []
     for number in range(samples):
         time = number * settings.period
-        poses.see(time, TRUE + np.array((0.0, time, 0.0)))
-        out += list(poses.arrived(time))
-    out += list(poses.arrived(time + wait))
+        poses.observe_vehicles(time, TRUE + np.array((0.0, time, 0.0)))
+        out += list(poses.poses_arrived_until(time))
+    out += list(poses.poses_arrived_until(time + wait))
     return out
 
 

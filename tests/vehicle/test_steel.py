@@ -17,11 +17,11 @@ HOOK = ((0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (1.0, 1.0), (1.0, 2.0), (3.0, 2.0), 
 def test_a_polygon_holds_what_lies_in_its_parts(x: float, y: float) -> None:
     inside = 0 < x < 3 and 0 < y < 3 and not (x >= 1 and 1 <= y <= 2)
     near = min(abs(a - b) for a in (x, y) for b in (0, 1, 2, 3)) < 1e-6
-    assert near or SteelArea(HOOK).holds(np.array([(x, y)]))[0] == inside
+    assert near or SteelArea(HOOK).covers_points(np.array([(x, y)]))[0] == inside
 
 
 def test_a_surface_without_an_outline_never_ends() -> None:
-    assert SteelArea().holds(np.array([(1e6, -1e6)])).all()
+    assert SteelArea().covers_points(np.array([(1e6, -1e6)])).all()
 
 
 @pytest.mark.parametrize(

@@ -100,5 +100,5 @@ def test_another_session_stays_out() -> None:
     gate = MessageGate()
     assert not gate.reason_to_drop(command(5, 1.0), 1.0)
     assert "session" in gate.reason_to_drop(command(6, 1.1, "efgh"), 1.1)
-    gate.reset("efgh")
+    gate.restart_session("efgh")
     assert not gate.reason_to_drop(command(1, 0.2, "efgh"), 1.2)

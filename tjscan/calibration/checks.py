@@ -395,7 +395,7 @@ class FreshLineVerification:
     limit: float
 
     @property
-    def agrees(self) -> bool:
+    def line_agrees(self) -> bool:
         """Whether the line is as the calibration predicts, within chance."""
         return self.misfit <= self.limit
 

@@ -130,8 +130,8 @@ class LaserResponseEntry(StrictFileModel):
     """The table [laser_response]: the effect of the laser's deviation on the calibration.
 
     `by_draws` is by how much T_f_s, and the deviations of the arm's joints after it, are off
-    with each standard normal draw of the laser's deviation, see `LaserDeviation.at`; rows in the
-    order of the covariance, in mm and degrees. The covariance holds it already.
+    with each standard normal draw of the laser's deviation, see `LaserDeviation.displacements_at`;
+    rows in the order of the covariance, in mm and degrees. The covariance holds it already.
     """
 
     linearity_mm: float = Field(gt=0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -17,51 +16,13 @@ from tjscan.calibration.solve.refine import FALSE_ALARM_PROBABILITY, laser_respo
 from tjscan.calibration.solve.solution import CalibrationProblem, SensorSolution, Targets
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget
 from tjscan.calibration.targets.line import stack_lines
-from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget, SeenBoard
-from tjscan.calibration.targets.target import PosedFit
+from tjscan.calibration.targets.plane import PlaneModel, SeenBoard
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
 SENSOR_LINEARITY: Final = 1e-3
 """Share by which lengths in a profile may be off, as data sheets of such sensors state it. A
 radius read by the sensor is not known better."""
-
-
-def calibrate_on_plane(
-    samples: Sequence[PosedFit[Any]],
-    target: PlaneTarget | None,
-    noise: NoiseModel,
-    *,
-    T_f_s_guess: Array | None = None,
-) -> HandEyeCalibration:
-    """Calibrate the sensor's pose on the flange from lines on one plane.
-
-    Parameters
-    ----------
-    samples : sequence of PosedFit
-        Five lines or more.
-    target : PlaneTarget or None
-        The plane as touched, see `fit_plane`; None if it is to be found together with the
-        sensor.
-    noise : NoiseModel
-        Errors of lines and poses.
-    T_f_s_guess : ndarray, shape (4, 4), optional
-        About how the sensor sits, for instance from the bracket's drawing. Not needed; it lets
-        refusals name the sensor's axes, and is one more start for an unknown plane.
-
-    Raises
-    ------
-    CalibrationRefused
-        If the result could not be trusted: too few lines, a missing motion, too many bad poses,
-        or residuals that the noise model doesn't explain.
-
-    Notes
-    -----
-    Cibicik et al. 2022, appendix, for the closed form. The refinement minimises offset and tilt
-    of each line, weighted by their covariance under range noise and the arm's errors, over T_f_s
-    and the plane, which its touched points hold in place.
-    """
-    return calibrate_on_targets([SeenBoard(samples, target, noise)], noise, T_f_s_guess=T_f_s_guess)
 
 
 def calibrate_on_targets(
@@ -94,6 +55,12 @@ def calibrate_on_targets(
         If the result could not be trusted: too few profiles, a missing motion, too many bad
         poses, residuals that the noise model doesn't explain, or a ball of another radius than
         stated.
+
+    Notes
+    -----
+    Cibicik et al. 2022, appendix, for the closed form. The refinement minimises offset and tilt
+    of each line, weighted by their covariance under range noise and the arm's errors, over T_f_s
+    and the plane, which its touched points hold in place.
     """
     problem = CalibrationProblem(targets, noise, sensor_is_fixed)
     problem = problem.with_poses(problem.invert_if_fixed(problem.T_b_f))
@@ -185,5 +152,5 @@ def _target_fields(solution: SensorSolution) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for k, model in reversed(list(enumerate(solution.model.models))):
         at, settled = solution.model.target_slice(k), solution.settled
-        found |= model.describe(settled.target[at], settled.covariance[6:, 6:][at, at])
+        found |= model.result_fields(settled.target[at], settled.covariance[6:, 6:][at, at])
     return found

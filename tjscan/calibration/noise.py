@@ -78,7 +78,7 @@ joint's angle, and an error of its position over this is the error of its orient
 
 FlangeMoves = Callable[[Array], Array]
 """From joint angles, shape (joints,), to how the flange moves with m independent standard normal
-draws of the arm's geometry, shape (6, m): see `ArmGeometryDeviation.moves`."""
+draws of the arm's geometry, shape (6, m): see `ArmGeometryDeviation.flange_motion`."""
 
 
 def geometry_error_correlation(T_b_f: Array) -> Array:

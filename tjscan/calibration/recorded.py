@@ -202,7 +202,7 @@ def _calibrate_arm(
         targets.append(TargetInPostures(model, q, one.T_b_f, start))
     arm = ArmModel(kinematics, tuple(targets))
     found = calibrate_arm(arm, held_out, PlacementTolerance(), T_f_s)
-    for line in found.summary("profiles", "targets are"):
+    for line in found.summary_sentences("profiles", "targets are"):
         report(line)
     return as_hand_eye_calibration(found, names, kinematics.name)
 

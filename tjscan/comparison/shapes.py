@@ -130,7 +130,7 @@ class Shape:
             None if self.corners is None else readonly_copy(transform_points(T, self.corners)),
             self.absent,
             dropped=self.dropped,
-            budget=None if self.budget is None else self.budget.rotated(T[:3, :3]),
+            budget=None if self.budget is None else self.budget.rotated_budget(T[:3, :3]),
             wall_normals=None if self.wall_normals is None else self.wall_normals @ T[:3, :3].T,
         )
 

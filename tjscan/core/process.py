@@ -86,7 +86,7 @@ class ClientProcess:
         """Number of the process."""
         return self._process.pid
 
-    def ask(self, name: str, *arguments: object, limit: float) -> ClientAnswer:
+    def call_method(self, name: str, *arguments: object, limit: float) -> ClientAnswer:
         """Call a method of the client in its process.
 
         Parameters

@@ -19,8 +19,7 @@ MAD_TO_SIGMA: Final = 1.4826
 """Standard deviation over the median absolute deviation of Gaussian noise ([1]_, chapter 5)."""
 
 TUKEY_CUTOFF: Final = 4.685
-"""Standard deviations beyond which Tukey's biweight gives no weight: with it, least squares stay
-95 % efficient on Gaussian noise ([2]_, table 1)."""
+"""Standard deviations of no weight: least squares stay 95 % efficient ([2]_, table 1)."""
 
 
 def mad_sigma(residuals: Array) -> float:

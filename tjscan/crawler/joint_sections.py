@@ -149,12 +149,14 @@ def section_histories(
         `PLACES_ACROSS`, metres; NaN if nothing was seen.
     """
     heights: dict[int, list[Array]] = {}
+    d = np.nan
     for cycle, profile in profiles:
-        ahead = cycle.travel + laser_to_torch
-        if not 0 <= ahead <= length or not np.isfinite(cycle.d):
+        # A filled joint is not read: the vehicle is about as far aside as where it last was.
+        d = cycle.d if cycle.was_read else d
+        if not 0 <= cycle.travel + laser_to_torch <= length or np.isnan(d):
             continue
         welded = cycle.number - (cycle.phase is Phase.WELDING)
-        height = height_over_hull(profile, cycle.d)
+        height = height_over_hull(profile, d)
         if height is not None:
             heights.setdefault(welded, []).append(height)
     return {number: _median_of_seen(rows) for number, rows in sorted(heights.items())}

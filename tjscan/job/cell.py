@@ -121,8 +121,8 @@ class SensorMount:
         Of `T_f_s`, translation and small rotation in axes of f, and of the deviations, if any;
         SI. None if it is not known.
     by_laser : ndarray, shape (6, m) or (6 + 6 joints, m), or None
-        What of it comes from m draws of the laser's deviation, see `LaserDeviation.at`; none where
-        that was not calibrated with.
+        What of it comes from m draws of the laser's deviation, see
+        `LaserDeviation.displacements_at`; none where that was not calibrated with.
     linearity : float
         Largest deviation of that laser, metres.
     """

@@ -61,7 +61,7 @@ class LaserDeviation:
         half = ((far - window.apex_z) * tan(window.half_angle), 0.5 * (far - near))
         return cls(largest, np.array((0.0, 0.5 * (near + far))), np.array(half))
 
-    def at(self, xz: Array) -> Array:
+    def displacements_at(self, xz: Array) -> Array:
         """Displacement of points by each of m independent standard normal draws.
 
         Parameters
@@ -111,7 +111,7 @@ class Distortion:
     half: Array
 
     @classmethod
-    def draw(cls, model: LaserModel, make: int) -> Self | None:
+    def draw_in_window(cls, model: LaserModel, make: int) -> Self | None:
         """Draw a sensor of a kind, or none if the model has no such error.
 
         Parameters

@@ -287,7 +287,7 @@ class SimulatedLaser(LocalDevice):
         self._surface, self._pose, self._clock = surface, pose, clock
         self._rng = rng
         self._directions_s = laser_ray_directions(model)
-        self._distortion = Distortion.draw(model, make)
+        self._distortion = Distortion.draw_in_window(model, make)
 
     def capture(self) -> Profile:
         """Take one profile from where the sensor is now.

@@ -94,11 +94,11 @@ class AxisScale:
                 "give no coordinates"
             )
 
-    def flipped(self) -> AxisScale:
+    def flipped_axis(self) -> AxisScale:
         """The same axis pointing the other way."""
         return AxisScale(-self.scale, -self.offset, self.low, self.high)
 
-    def coordinates(self, raw: Array) -> Array:
+    def coordinates_of_raw(self, raw: Array) -> Array:
         """Coordinates of raw numbers, in metres; NaN outside the limits."""
         with np.errstate(over="ignore", invalid="ignore"):
             found = self.scale * raw + self.offset
@@ -163,7 +163,7 @@ def profile_of_row(
         table = np.frombuffer(raw, dtype=layout.dtype).reshape(count, -1).astype(np.float64)
     raw_z = table[:, layout.components.index("C")]
     raw_x = table[:, 0] if layout.has_x else np.arange(count, dtype=np.float64)
-    x, z = scales.x.coordinates(raw_x), scales.z.coordinates(raw_z)
+    x, z = scales.x.coordinates_of_raw(raw_x), scales.z.coordinates_of_raw(raw_z)
     missing = ~(np.isfinite(x) & np.isfinite(z))
     if scales.invalid is not None:
         missing |= raw_z == scales.invalid

@@ -40,7 +40,7 @@ class _PostureTree:
     def __init__(self, root: Array) -> None:
         self.postures, self._before = [root], [-1]
 
-    def grow(self, towards: Array, is_clear: IsClear) -> Array | None:
+    def grow_towards(self, towards: Array, is_clear: IsClear) -> Array | None:
         """Grow a step towards a posture from the nearest one; the posture reached, if any."""
         away = towards - np.array(self.postures)
         nearest = int(np.einsum("ij,ij->i", away, away).argmin())
@@ -89,7 +89,7 @@ def find_clear_postures(
     first = _PostureTree(readonly_copy(start))
     one, other = first, _PostureTree(readonly_copy(goal))
     for _ in range(MOST_RANDOM_POSTURES):
-        reached = one.grow(dice.uniform(least, most), is_clear)
+        reached = one.grow_towards(dice.uniform(least, most), is_clear)
         if reached is not None and _grow_until_connected(other, reached, is_clear):
             ways = one.way_to_root()[::-1], other.way_to_root()[1:]
             way = [*ways[0], *ways[1]]
@@ -100,7 +100,7 @@ def find_clear_postures(
 
 def _grow_until_connected(tree: _PostureTree, to: Array, is_clear: IsClear) -> bool:
     """Grow a tree towards a posture as far as it goes; whether it arrived."""
-    while (reached := tree.grow(to, is_clear)) is not None:
+    while (reached := tree.grow_towards(to, is_clear)) is not None:
         if np.array_equal(reached, to):
             return True
     return False

@@ -85,7 +85,7 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
             time=0.0 if left is None else left.time,
             errors=None
             if world.errors is None
-            else SimulatedArmErrors.draw(context.kinematics, world.errors, context.seed),
+            else SimulatedArmErrors.draw_true_arm(context.kinematics, world.errors, context.seed),
         )
 
 

@@ -23,11 +23,8 @@ from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
 from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
 
 IK_CONVERGENCE_TOLERANCE: Final = 1e-13
-"""Metres and radians at which a descent ends; it comes this close unless singular.
-
-So close that an arm is in the same place whichever way it came: a resumed scan finds what the
-uninterrupted one would have found.
-"""
+"""Metres and radians at which a descent ends, unless singular: so close that an arm is in the same
+place whichever way it came, and a resumed scan finds what the uninterrupted one would have."""
 
 IK_POSITION_TOLERANCE: Final = 1e-7
 """Metres: a solution puts the flange this close, also at a singularity."""
@@ -224,7 +221,7 @@ class Kinematics:
         """
         return float(np.linalg.svd(self.jacobian(q), compute_uv=False)[-1])
 
-    def excess(self, q: Array) -> Array:
+    def joint_limit_excess(self, q: Array) -> Array:
         """How far each joint is beyond its limits, in radians; negative within."""
         return np.maximum(self.lower - q, q - self.upper)
 
@@ -256,7 +253,7 @@ class Kinematics:
         near = np.asarray(near, dtype=float)
         warm = self._solve_ik_from_seed(self._target_in_root(T_b_f), near)
         is_near = np.abs(warm.q - near).max() < KEPT_CONFIGURATION_DISTANCE
-        if warm.solved and is_near and self.excess(warm.q).max() <= 0:
+        if warm.solved and is_near and self.joint_limit_excess(warm.q).max() <= 0:
             return warm.q
         return self.all_inverse_solutions(T_b_f, near)[0]
 
@@ -278,7 +275,7 @@ class Kinematics:
         solved = [self._choose_nearest_turns(fit.q, near) for fit in fits if fit.solved]
         if not solved:
             raise PoseUnreachable(self._describe_out_of_reach(fits), T_b_f)
-        allowed = [q for q in solved if self.excess(q).max() <= JOINT_LIMIT_ROUNDING]
+        allowed = [q for q in solved if self.joint_limit_excess(q).max() <= JOINT_LIMIT_ROUNDING]
         if not allowed:
             raise PoseUnreachable(self._describe_out_of_limits(solved), T_b_f)
         found: list[Array] = []
@@ -369,7 +366,7 @@ class Kinematics:
         """`q` with each joint in the turn nearest to `near` that its limits allow."""
         turn = 2 * np.pi
         turns = q + turn * (np.round((near - q) / turn) + np.arange(-2, 3)[:, None])
-        beyond = np.maximum(self.excess(turns), 0.0)
+        beyond = np.maximum(self.joint_limit_excess(turns), 0.0)
         beyond[beyond <= JOINT_LIMIT_ROUNDING] = 0.0
         order = np.lexsort((np.abs(turns - near), beyond), axis=0)
         return np.asarray(np.take_along_axis(turns, order[:1], axis=0)[0])
@@ -385,11 +382,11 @@ class Kinematics:
         )
 
     def _describe_out_of_limits(self, solved: list[Array]) -> str:
-        q = min(solved, key=lambda q: float(self.excess(q).max()))
-        i = int(self.excess(q).argmax())
+        q = min(solved, key=lambda q: float(self.joint_limit_excess(q).max()))
+        i = int(self.joint_limit_excess(q).argmax())
         limit = self.upper[i] if q[i] > self.upper[i] else self.lower[i]
         return (
             f"{self.joint_names[i]} would have to be at {np.degrees(q[i]):.1f} deg, "
-            f"{np.degrees(self.excess(q)[i]):.1f} deg beyond its limit of "
+            f"{np.degrees(self.joint_limit_excess(q)[i]):.1f} deg beyond its limit of "
             f"{np.degrees(limit):.1f} deg. Choose another configuration or move the base."
         )

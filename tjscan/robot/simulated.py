@@ -51,7 +51,7 @@ class SimulatedArmErrors:
     warm_up: float
 
     @classmethod
-    def draw(cls, nominal: Kinematics, settings: ArmErrorSettings, seed: int) -> Self:
+    def draw_true_arm(cls, nominal: Kinematics, settings: ArmErrorSettings, seed: int) -> Self:
         """Draw an arm of a kind.
 
         Parameters
@@ -254,7 +254,7 @@ def _check_start_posture(kinematics: Kinematics, q: Array) -> None:
     if q.shape != kinematics.lower.shape:
         message = f"{kinematics.name} has {kinematics.lower.size} joints, not {q.size}"
         raise ConfigurationError(message, key="q")
-    beyond = kinematics.excess(q)
+    beyond = kinematics.joint_limit_excess(q)
     if not beyond.max() <= 0:
         i = int(np.nan_to_num(beyond, nan=np.inf).argmax())
         raise ConfigurationError(

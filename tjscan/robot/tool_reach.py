@@ -93,7 +93,7 @@ class ToolConfigurations:
             T = poses[i][:, None] @ spun @ T_tool_f
             q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, TOOL_SPINS, 8, 6)
             first.append(q[0])
-            beyond = [kinematics.excess(q + 2 * np.pi * turn) for turn in (-1, 0, 1)]
+            beyond = [kinematics.joint_limit_excess(q + 2 * np.pi * turn) for turn in (-1, 0, 1)]
             within = np.isfinite(q) & (np.min(beyond, axis=0) <= 0)
             reasons: Counter[str] = Counter()
             for spin, branch in np.argwhere(within.all(axis=(0, 3))):

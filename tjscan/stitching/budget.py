@@ -165,7 +165,7 @@ def stitching_budget(
                 points, measures = own.points + part.points, own.measures + part.measures
                 part = replace(own, points=points, measures=measures)
             parts.append(part)
-        components.append(_join_components(parts).compressed())
+        components.append(_join_components(parts).with_fewest_draws())
     return UncertaintyBudget(tuple(components)), stations, shape
 
 

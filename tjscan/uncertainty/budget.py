@@ -71,7 +71,7 @@ class BudgetComponent:
         """Covariances of the measures that it makes, shape (n, 4, 4)."""
         return np.asarray(self.measures @ np.swapaxes(self.measures, -1, -2))
 
-    def compressed(self) -> BudgetComponent:
+    def with_fewest_draws(self) -> BudgetComponent:
         """The same covariances from as few draws as make a difference; a shared one only."""
         n, m = len(self.points), self.points.shape[-1]
         if not self.is_shared or m < 2:
@@ -145,7 +145,7 @@ class UncertaintyBudget:
     def __len__(self) -> int:
         return len(self.components[0].points)
 
-    def rotated(self, R: Array) -> UncertaintyBudget:
+    def rotated_budget(self, R: Array) -> UncertaintyBudget:
         """The same budget in a frame in which this one's axes are the columns of R, (3, 3)."""
         turned = (np.einsum("ij,nkjm->nkim", R, one.points) for one in self.components)
         pairs = zip(self.components, turned, strict=True)

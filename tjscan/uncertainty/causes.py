@@ -255,7 +255,7 @@ def budget_of_causes(causes: Sequence[ViewCause], T_r_b: Array, count: int) -> U
     count : int
         How many sections.
     """
-    parts = (cause.component(T_r_b[:3, :3], count).compressed() for cause in causes)
+    parts = (cause.component(T_r_b[:3, :3], count).with_fewest_draws() for cause in causes)
     return UncertaintyBudget(tuple(parts))
 
 
@@ -290,13 +290,13 @@ def linearity_cause(
     def corner_moves(xz: Array, tangents: Array) -> tuple[Array, Array]:
         turns = []
         for at, t in ((xz[1], tangents[0]), (xz[3], tangents[3])):
-            ahead, here = field.at(np.array((at + SIDE_DERIVATIVE_STEP * t, at)))
+            ahead, here = field.displacements_at(np.array((at + SIDE_DERIVATIVE_STEP * t, at)))
             by_step = (ahead - here) / SIDE_DERIVATIVE_STEP
             turns.append(t[0] * by_step[1] - t[1] * by_step[0])
-        return field.at(xz), np.array(turns)
+        return field.displacements_at(xz), np.array(turns)
 
     def bend(xz: Array, _tangents: Array) -> Array:
-        return field.at(xz)
+        return field.displacements_at(xz)
 
     return _bending_cause(LINEARITY_CAUSE, evidence, sections, bend, corner_moves)
 

@@ -92,7 +92,7 @@ class DisturbedPoses:
         self._frozen: dict[int, VehiclePose] = {}
         self._due = -np.inf
 
-    def see(self, time: float, poses: Array) -> None:
+    def observe_vehicles(self, time: float, poses: Array) -> None:
         """Look at the vehicles, if it is time to: x, y and heading, shape (n, 3)."""
         s = self.settings
         if time < self._due - 1e-9:
@@ -113,7 +113,7 @@ class DisturbedPoses:
             x, y, heading = at.tolist()
             self._send_pose(vehicle, VehiclePose(time, x, y, heading), lost[vehicle] < s.lost)
 
-    def arrived(self, now: float) -> Iterator[tuple[int, VehiclePose]]:
+    def poses_arrived_until(self, now: float) -> Iterator[tuple[int, VehiclePose]]:
         """Give which vehicles' poses came until now, in the order in which they came."""
         while self._on_the_way and self._on_the_way[0][0] <= now + 1e-9:
             _, _, vehicle, pose = heapq.heappop(self._on_the_way)

@@ -35,7 +35,7 @@ class SteelArea:
     def __init__(self, outline_w: object = ()) -> None:
         self.outline_w = readonly_copy(np.reshape(np.asarray(outline_w, dtype=float), (-1, 2)))
 
-    def holds(self, points_w: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def covers_points(self, points_w: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Whether there is steel at points, shape (m, 2): a ray to +x leaves it an odd time."""
         if not len(self.outline_w):
             return np.ones(len(points_w), dtype=bool)
@@ -100,7 +100,7 @@ class ProximitySensors:
         s = self._settings
         noise, odd, wild = self._random.random((3, len(corners_w)))
         readings = s.height + s.noise * np.sqrt(12) * (noise - 0.5)
-        readings[~self._steel.holds(corners_w)] = inf
+        readings[~self._steel.covers_points(corners_w)] = inf
         if arc_burning:
             irregular = odd < s.irregular
             readings[irregular] = np.where(wild < 0.5, inf, 10 * s.height * (wild - 0.5))[irregular]

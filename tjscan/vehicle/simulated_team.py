@@ -162,10 +162,10 @@ class SimulatedLocalisation(LocalDevice):
         """Give the newest poses. See `Localisation.read`."""
         for time, poses in self._world.poses_before:
             if time > self._seen:
-                self.poses.see(time, poses)
+                self.poses.observe_vehicles(time, poses)
         self._seen = self._world.time
         newest: list[VehiclePose | None] = [None] * self._world.vehicles
-        for vehicle, pose in self.poses.arrived(self._world.time):
+        for vehicle, pose in self.poses.poses_arrived_until(self._world.time):
             if not isfinite(pose.x + pose.y + pose.heading):
                 self._report_dropped(vehicle, NOT_A_POSE_REASON)
             elif pose.time <= self._given[vehicle]:

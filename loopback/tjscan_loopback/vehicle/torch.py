@@ -52,7 +52,7 @@ class LoopbackTorch:
         if received.topic == TORCH_COMMANDER_TOPIC:
             message = PresenceMessage.from_json(received.payload)
             if message.alive:
-                self._gate.reset(message.session)
+                self._gate.restart_session(message.session)
             elif message.session == self._gate.session:
                 self._order = None
         elif received.topic == TORCH_TOPIC:

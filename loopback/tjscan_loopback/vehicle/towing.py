@@ -148,7 +148,7 @@ class TowingBodies:
     def advance(self, period: float) -> None:
         """Let the world go on, seconds."""
         self._world.advance(period)
-        self._poses.see(self._world.time, self._world.plant.poses)
+        self._poses.observe_vehicles(self._world.time, self._world.plant.poses)
 
     def look_at_truth(self) -> list[str]:
         """Take note of what happened, ten times a second; what touched for the first time."""
@@ -196,7 +196,7 @@ class TowingBodies:
     def sightings(self, now: float) -> Iterator[tuple[str, bytes]]:
         """Topic and payload of what is seen now, seconds; a number is when, in milliseconds."""
         world = self._world
-        for which, pose in self._poses.arrived(world.time):
+        for which, pose in self._poses.poses_arrived_until(world.time):
             taken = now - (world.time - pose.time)
             yield (
                 f"{which + 1}/{POSE_TOPIC}",

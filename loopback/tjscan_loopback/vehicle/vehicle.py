@@ -138,12 +138,12 @@ class LoopbackVehicle:
     def _receive_presence(self, message: PresenceMessage, now: float) -> None:
         if message.session == self._gate.session:
             if not message.alive:
-                self._gate.reset()
+                self._gate.restart_session()
                 self._twist = None
         elif message.alive:
             if self._gate.session and now - self._heard < DEAD_MAN_TIME:
                 raise BadMessage("another program commands this vehicle")
-            self._gate.reset(message.session)
+            self._gate.restart_session(message.session)
             self._twist = None
 
     def _receive_command(self, message: CommandMessage, now: float) -> None:

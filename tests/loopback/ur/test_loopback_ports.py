@@ -45,7 +45,7 @@ def test_nonsense_on_every_port_leaves_it_at_work(
                     for _ in range(random.randrange(1, 4)):
                         wire.sendall(nonsense(random))
         with closing(DashboardClient(loopback.host)) as dashboard:
-            assert dashboard.ask_value("robotmode") == "RUNNING"
+            assert dashboard.ask_dashboard_value("robotmode") == "RUNNING"
     assert "Traceback" not in capfd.readouterr().err
 
 

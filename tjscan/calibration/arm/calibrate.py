@@ -78,7 +78,7 @@ class ArmModel:
     targets: tuple[TargetInPostures, ...]
 
     @property
-    def joints(self) -> int:
+    def joint_count(self) -> int:
         """Number of joints."""
         return len(self.kinematics.lower)
 
@@ -88,7 +88,7 @@ class ArmModel:
         return sum(len(seen.q) for seen in self.targets)
 
     @cached_property
-    def start(self) -> Array:
+    def target_start(self) -> Array:
         """Parameters of all targets to start from, shape (m,)."""
         return np.concatenate([seen.start for seen in self.targets])
 
@@ -132,7 +132,7 @@ class ArmModel:
         parts = []
         for seen, own, (E, J) in zip(self.targets, own_targets, self._flange_motions, strict=True):
             T_b_f = E @ np.array([arm.forward(q) for q in seen.q])
-            found = seen.model.seen_from(T_b_f).linearise(T_f_s, own)
+            found = seen.model.at_other_poses(T_b_f).linearise(T_f_s, own)
             by_flange = found.by_pose.copy()
             # A turn of the flange also carries the sensor, whose origin is not f's.
             by_flange[:, :, 3:] -= found.by_pose[:, :, :3] @ skew_matrix(T_f_s[:3, 3])
@@ -164,7 +164,7 @@ class ArmGeometryDeviation:
         moved = np.array([self._flange_motion_by_draws(q)[:3] for q in drawn])
         return float(np.sqrt(np.mean(np.sum(moved**2, axis=2))))
 
-    def moves(self, q: Array) -> Array:
+    def flange_motion(self, q: Array) -> Array:
         """How the flange moves with m independent standard normal draws, shape (6, m).
 
         Translation, metres, and rotation about the flange's origin, radians, in the axes of b; of
@@ -218,7 +218,7 @@ def estimate_deviations(
     """
     used = np.ones(model.profile_count, dtype=bool) if held_out is None else ~held_out
     offered = int(used.sum())
-    estimate = _solve_for_deviations(model, sigmas, T_f_s, model.start, used)
+    estimate = _solve_for_deviations(model, sigmas, T_f_s, model.target_start, used)
     while used.sum() > (1 - MAX_REJECTED_PROFILE_SHARE) * offered:
         falls, _ = leave_one_profile_out(estimate)
         worst = int(falls.argmax())
@@ -420,7 +420,7 @@ class ArmCalibration:
         found = refine.laser_response_of_estimate(self.estimate)
         return None if found is None else readonly_copy(found[: 6 + self.estimate.deviations.size])
 
-    def summary(self, checks: str, target: str) -> list[str]:
+    def summary_sentences(self, checks: str, target: str) -> list[str]:
         """Sentences on the check with held-out `checks`, and on undetermined deviations."""
         before, after = 1e3 * self.error_before, 1e3 * self.error_after
         return [
@@ -460,7 +460,7 @@ def calibrate_arm(
             f"{MIN_ARM_CALIBRATION_PROFILES} and {MIN_HELD_OUT_PROFILES} are needed, and forty are "
             "good; take more, each in another posture of the arm",
         )
-    prior = np.tile(tolerance.sigmas, (model.joints, 1))
+    prior = np.tile(tolerance.sigmas, (model.joint_count, 1))
     plain = estimate_deviations(model, np.zeros_like(prior), T_f_s, held_out)
     found = estimate_deviations(model, prior, plain.T_f_s, held_out)
     if found.sigma_scale > MAX_SIGMA_SCALE:
@@ -479,7 +479,7 @@ def calibrate_arm(
             f"{1e3 * after:.3f} mm with the deviations found; take more poses, in other "
             "postures",
         )
-    undetermined = describe_undetermined(whitened_jacobian(found, prior), model.joints)
+    undetermined = describe_undetermined(whitened_jacobian(found, prior), model.joint_count)
     return ArmCalibration(found, undetermined, held_out, before, after)
 
 

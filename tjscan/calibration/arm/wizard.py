@@ -191,7 +191,7 @@ def _predict_jacobians(plan: PosturePlan, kinematics: Kinematics, q: Array, T_b_
     covariances = np.tile(ARC_SIGMA**2 * np.eye(3), (len(q), 1, 1))
     arcs = SphereModel(T_b_f, seen_s * (1, 0, 1), radii, covariances, SphereTarget(), plan.noise)
     model = plan.model_of_arcs(kinematics, arcs, q)
-    stacked = model.linearise(plan.T_f_s, np.zeros((model.joints, 6)), model.start)
+    stacked = model.linearise(plan.T_f_s, np.zeros((model.joint_count, 6)), model.target_start)
     J = stacked.jacobian.reshape(len(q), 3, -1)
     blocks = stacked.covariance.reshape(len(q), 3, len(q), 3)
     own = blocks[np.arange(len(q)), :, np.arange(len(q))]
@@ -278,7 +278,7 @@ class ArmWizard:
         q = np.array([sample.q for sample in samples])
         model = self.plan.model_of_arcs(self.kinematics, ball.model, q)
         found = calibrate_arm(model, checks, self.plan.tolerance, self.plan.T_f_s)
-        for line in found.summary("postures", "ball is"):
+        for line in found.summary_sentences("postures", "ball is"):
             self.operator.report(line)
         return found, tuple(samples)
 

@@ -132,7 +132,7 @@ class CombinedModel:
             for one, errors in zip(found, self.by_true_pose, strict=True)
         ]
 
-    def misfit(self, T_f_s: Array, target: Array) -> float:
+    def weighted_misfit(self, T_f_s: Array, target: Array) -> float:
         """Weighted sum of squares, profile by profile: the nearest of several starts has least."""
         total = 0.0
         for part in self.linearise_each(T_f_s, target):

@@ -31,8 +31,7 @@ MAX_REJECTION_SETS_TRIED: Final = 3000
 SINGULAR_SET_RIDGE: Final = 1e-6
 """Keeps sets solvable that nothing could be found without; they leave no residual anyway."""
 GEOMETRY_ERROR_GRID: Final = (2e-5, 2e-3, 25)
-"""Metres from, metres to, and steps: from less than an arm's repeatability to more than an arm that
-was ever measured is off. Larger residuals are no geometry error."""
+"""Metres from and to, and steps: from less than an arm repeats to more than any arm is off."""
 PARAMETER_RIDGE: Final = 1e-12
 """Share of a parameter's information: far less than any measurement gives."""
 MIN_COST_DROP: Final = float(chdtri(1, 2 * refine.FALSE_ALARM_PROBABILITY))
@@ -353,7 +352,7 @@ class CalibrationProblem:
             )
             model = CombinedModel(models, correlation, self.noise.geometry, by_true_pose)
             target = np.concatenate(targets)
-            starts.append((model.misfit(T_f_s, target), T_f_s, model, target))
+            starts.append((model.weighted_misfit(T_f_s, target), T_f_s, model, target))
         return sorted(starts, key=itemgetter(0))
 
     def _split_by_target(self, of_all: Array) -> list[Array]:

@@ -20,11 +20,8 @@ from tjscan.core.frames import Array, Mask, array_dataclass, pose, readonly_copy
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
-MIN_ARC_POINTS: Final = 20
-"""An arc has at least so many points."""
 MIN_ARC_SHARE: Final = 0.15
-"""At least this share of a profile's points is on the arc: a ball fills less of it than a
-board does."""
+"""At least this share of a profile's points is on the arc: a ball fills less than a board."""
 MIN_ARC_ANGLE: Final = float(np.radians(30.0))
 """Radians; on a shorter arc radius and centre hardly come apart."""
 MAX_ARC_RADIUS: Final = 1.0
@@ -72,7 +69,7 @@ class CircleFit:
         points = np.column_stack((profile.x_s[self.inlier], profile.z_s[self.inlier]))
         away = points - self.centre_s[[0, 2]]
         away /= np.hypot(*away.T)[:, None]
-        outward = np.einsum("na,nam->nm", away, laser.at(points))
+        outward = np.einsum("na,nam->nm", away, laser.displacements_at(points))
         J = np.column_stack((away, np.ones(len(away))))
         return np.asarray(np.linalg.lstsq(J, outward, rcond=None)[0])
 
@@ -93,21 +90,21 @@ def fit_circle(profile: Profile, noise: NoiseModel) -> CircleFit:
         If too few points are on one circle, or their arc is too short.
     """
     points = consensus.valid_points(profile)
-    if len(points) < MIN_ARC_POINTS:
+    if len(points) < consensus.MIN_CURVE_POINTS:
         raise CalibrationRefused(
             "no arc seen",
-            f"the profile holds {len(points)} points, an arc needs {MIN_ARC_POINTS}; bring the "
-            "ball into the sensor's range",
+            f"the profile holds {len(points)} points, an arc needs {consensus.MIN_CURVE_POINTS}; "
+            "bring the ball into the sensor's range",
         )
     circles = _circles_through(points[consensus.sample_index_sets(len(points), 3)])
     inlier = consensus.find_inliers(points, circles, _distances_from_circles, noise.range)
-    if inlier.sum() >= MIN_ARC_POINTS:
+    if inlier.sum() >= consensus.MIN_CURVE_POINTS:
         inlier = consensus.refit_and_trim(
             lambda m: _distances_from_circle(points, _fit_algebraically(points[m])),
             inlier,
             noise.range,
         )
-    if inlier.sum() < max(MIN_ARC_POINTS, MIN_ARC_SHARE * len(points)):
+    if inlier.sum() < max(consensus.MIN_CURVE_POINTS, MIN_ARC_SHARE * len(points)):
         raise CalibrationRefused(
             "no arc seen",
             f"only {inlier.sum()} of {len(points)} points are on one circle within "
@@ -272,11 +269,11 @@ class SphereModel(TargetModel):
     noise: NoiseModel
     by_laser: Array | None = None
 
-    def seen_from(self, T_b_f: Array) -> Self:
+    def at_other_poses(self, T_b_f: Array) -> Self:
         """Return the same arcs, taken from other flange poses, shape (n, 4, 4)."""
         return replace(self, T_b_f=T_b_f)
 
-    def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
+    def result_fields(self, target: Array, covariance: Array) -> dict[str, Any]:
         """Centre and radius of the ball."""
         radius = (self.sphere.radius or 0.0) + float(target[3])
         return {"centre_b": readonly_copy(target[:3]), "radius": radius}

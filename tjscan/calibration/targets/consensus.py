@@ -21,6 +21,8 @@ OUTLIER_SIGMAS: Final = 3.5
 """A point farther from the curve than so many standard deviations does not belong to it."""
 MAX_SCATTER_RATIO: Final = 4.0
 """A curve may be so many times rougher than stated before its points count as outliers."""
+MIN_CURVE_POINTS: Final = 20
+"""A line or an arc has at least so many points."""
 MAX_TRIM_ROUNDS: Final = 8
 """Rounds of refitting and trimming; the points in use settle in two or three."""
 

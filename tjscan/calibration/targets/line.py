@@ -14,17 +14,13 @@ from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
-MIN_LINE_POINTS: Final = 20
-"""A line has at least so many points."""
 MIN_LINE_SHARE: Final = 0.3
 """At least this share of a profile's points is on the line; else the choice of line is a guess."""
 MIN_LINE_LENGTH: Final = 5e-3
 """Metres; a shorter line has no direction to speak of."""
 SIDEWAYS_NOISE_SHARE: Final = 0.3
-"""However steep a line is in the sensor, its points err sideways by this share of the range noise.
-
-An assumption: lateral errors of such sensors are smaller than range errors, but not zero.
-"""
+"""Of the range noise, by which points err sideways however steep their line is. An assumption:
+lateral errors of such sensors are smaller than range errors, but not zero."""
 
 
 @array_dataclass
@@ -69,7 +65,7 @@ class LineFit:
         """
         points = np.column_stack((profile.x_s[self.inlier], profile.z_s[self.inlier]))
         direction = self.direction_s[[0, 2]]
-        across = np.array((-direction[1], direction[0])) @ laser.at(points)
+        across = np.array((-direction[1], direction[0])) @ laser.displacements_at(points)
         along = (points - self.point_s[[0, 2]]) @ direction
         return np.stack((across.mean(axis=0), along @ across / (along @ along)))
 
@@ -129,11 +125,11 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
         If too few points of the profile are on one line, or the line is too short.
     """
     points = consensus.valid_points(profile)
-    if len(points) < MIN_LINE_POINTS:
+    if len(points) < consensus.MIN_CURVE_POINTS:
         raise CalibrationRefused(
             "no line seen",
-            f"the profile holds {len(points)} points, a line needs {MIN_LINE_POINTS}; bring the "
-            "board into the sensor's range",
+            f"the profile holds {len(points)} points, a line needs {consensus.MIN_CURVE_POINTS}; "
+            "bring the board into the sensor's range",
         )
     pairs = points[consensus.sample_index_sets(len(points), 2)]
     inlier = consensus.find_inliers(
@@ -143,7 +139,7 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
         inlier = consensus.refit_and_trim(
             lambda m: distances_from_line(points, m), inlier, noise.range
         )
-    if inlier.sum() < max(MIN_LINE_POINTS, MIN_LINE_SHARE * len(points)):
+    if inlier.sum() < max(consensus.MIN_CURVE_POINTS, MIN_LINE_SHARE * len(points)):
         raise CalibrationRefused(
             "no line seen",
             f"only {inlier.sum()} of {len(points)} points are on one straight line within "

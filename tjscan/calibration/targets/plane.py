@@ -73,8 +73,8 @@ class PlaneTarget:
         the pattern, times the root of the number of points.
     by_arm : ndarray, shape (3, m), or None
         How (tilt, tilt, height) move with draws of the arm's geometry, see
-        `ArmGeometryDeviation.moves`; `information` is then from the touches alone. None if it
-        holds both.
+        `ArmGeometryDeviation.flange_motion`; `information` is then from the touches alone.
+        None if it holds both.
     """
 
     plane: PluckerPlane
@@ -129,7 +129,7 @@ class PlaneModel(TargetModel):
     by_laser : ndarray, shape (n, 2, m), or None
         `LineFit.by_laser` of each line.
     by_arm : ndarray, shape (n, 6, m), or None
-        `ArmGeometryDeviation.moves` of each pose.
+        `ArmGeometryDeviation.flange_motion` of each pose.
     """
 
     lines: LineBundle
@@ -138,7 +138,7 @@ class PlaneModel(TargetModel):
     by_laser: Array | None = None
     by_arm: Array | None = None
 
-    def seen_from(self, T_b_f: Array) -> Self:
+    def at_other_poses(self, T_b_f: Array) -> Self:
         """Return the same lines, taken from other flange poses, shape (n, 4, 4)."""
         lines = replace(self.lines, R_b_f=T_b_f[:, :3, :3], p_b_f=T_b_f[:, :3, 3])
         return replace(self, lines=lines)
@@ -150,7 +150,7 @@ class PlaneModel(TargetModel):
         plane = self.target.boxplus(target)
         return sensor_on_flange_side_share(self.lines, plane, T_f_s[:3, 3]) < 0.5
 
-    def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
+    def result_fields(self, target: Array, covariance: Array) -> dict[str, Any]:
         """The board."""
         return {"board": self.estimated_plane(target, covariance)}
 
@@ -350,7 +350,7 @@ def fit_plane(
         other err alike; see `tjscan.calibration.noise`.
     by_arm : ndarray, shape (n, 3, m), optional
         How the tip moves with draws of the arm's geometry, for an error of one metre, where the
-        arm's postures are known; see `ArmGeometryDeviation.moves`.
+        arm's postures are known; see `ArmGeometryDeviation.flange_motion`.
 
     Raises
     ------

@@ -12,7 +12,6 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import consensus
 from tjscan.calibration.targets.line import (
     MIN_LINE_LENGTH,
-    MIN_LINE_POINTS,
     LineFit,
     describe_line,
     distances_from_line,
@@ -43,8 +42,7 @@ FLANK_SCORED_POINTS: Final = 240
 MIN_ROOF_ANGLE: Final = float(np.radians(20.0))
 """Radians between the flanks; on flatter roofs the edge has no definite place."""
 MAX_EDGE_GAP: Final = 5e-3
-"""Metres between the edge and the next point of a flank: the edge itself may be rounded or
-glare."""
+"""Metres from the edge to the next point of a flank: the edge may be rounded or glare."""
 MAX_POINTS_PAST_EDGE: Final = 5
 """Points of the other flank that may be near a line at the crossing."""
 
@@ -104,10 +102,10 @@ def _find_lines(points: Array, sigma: float) -> list[Mask]:
     """Straight lines in the profile, those with most points first."""
     found: list[Mask] = []
     free = np.ones(len(points), dtype=bool)
-    while len(found) < MAX_LINES_FOUND and free.sum() >= MIN_LINE_POINTS:
+    while len(found) < MAX_LINES_FOUND and free.sum() >= consensus.MIN_CURVE_POINTS:
         left = np.flatnonzero(free)
         line = _most_crowded_line(points[left], sigma)
-        if line.sum() < MIN_LINE_POINTS:
+        if line.sum() < consensus.MIN_CURVE_POINTS:
             break
         free[left[line]] = False
         if np.ptp(points[left[line]], axis=0).max() >= MIN_LINE_LENGTH:
@@ -125,7 +123,7 @@ def _most_crowded_line(points: Array, sigma: float) -> Mask:
     ]
     lines = lines_through_pairs(points[np.array(pairs)])
     line = consensus.find_inliers(points, lines, distances_from_lines, sigma, FLANK_SCORED_POINTS)
-    if line.sum() < MIN_LINE_POINTS:
+    if line.sum() < consensus.MIN_CURVE_POINTS:
         return line
     return consensus.refit_and_trim(lambda m: distances_from_line(points, m), line, sigma)
 
@@ -182,11 +180,11 @@ class RoofModel(TargetModel):
     left: PlaneModel
     right: PlaneModel
 
-    def seen_from(self, T_b_f: Array) -> Self:
+    def at_other_poses(self, T_b_f: Array) -> Self:
         """Return the same flanks, taken from other flange poses, shape (n, 4, 4)."""
-        return type(self)(self.left.seen_from(T_b_f), self.right.seen_from(T_b_f))
+        return type(self)(self.left.at_other_poses(T_b_f), self.right.at_other_poses(T_b_f))
 
-    def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
+    def result_fields(self, target: Array, covariance: Array) -> dict[str, Any]:
         """Both planes."""
         left = self.left.estimated_plane(target[:3], covariance[:3, :3])
         right = self.right.estimated_plane(target[3:], covariance[3:, 3:])

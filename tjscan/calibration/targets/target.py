@@ -66,7 +66,7 @@ class PosedFit(Generic[Fit]):
         no deviation is stated.
     by_arm : ndarray, shape (6, m), or None
         How the flange moves with each draw of the arm's geometry, see
-        `ArmGeometryDeviation.moves`; None if the arm's posture is not known.
+        `ArmGeometryDeviation.flange_motion`; None if the arm's posture is not known.
     q : ndarray, shape (joints,), or None
         Joint angles there, radians; None if they are not known.
     """
@@ -168,7 +168,7 @@ class LinearisedModel:
         profiles; None if no deviation is stated.
     by_geometry : ndarray, shape (n, k, m), or None
         The same by draws of the arm's geometry, for an error of one metre, see
-        `ArmGeometryDeviation.moves`; None if the arm's postures are not known.
+        `ArmGeometryDeviation.flange_motion`; None if the arm's postures are not known.
     """
 
     residuals: Array
@@ -205,14 +205,14 @@ class TargetModel(Protocol):
             The target's parameters.
         """
 
-    def seen_from(self, T_b_f: Array) -> Self:
+    def at_other_poses(self, T_b_f: Array) -> Self:
         """Return the same profiles, taken from other flange poses, shape (n, 4, 4)."""
 
     def is_behind(self, T_f_s: Array, target: Array) -> bool:
         """Whether the sensor would look at the target from behind: a mirror image."""
         return False  # an arc shows its side, and no two planes that meet fit a mirror image
 
-    def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
+    def result_fields(self, target: Array, covariance: Array) -> dict[str, Any]:
         """The estimated target as fields of `HandEyeCalibration`.
 
         Parameters

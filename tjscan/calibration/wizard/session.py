@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.hand_eye import calibrate_on_plane
+from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import FlangeMoves, NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.solve.refine import covariance_from_information
 from tjscan.calibration.targets.line import LineBundle, LineFit, fit_line
-from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget, fit_plane
+from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget, SeenBoard, fit_plane
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
 from tjscan.core import frames
@@ -238,7 +238,7 @@ class LinePredictor:
     window: MeasuringRange
     noise: NoiseModel
 
-    def lines(self, T_b_f: Array) -> PredictedLines:
+    def predict_lines(self, T_b_f: Array) -> PredictedLines:
         """Lines from flange poses, shape (n, 4, 4), and their information."""
         target, noise, T_b_s = self.target, self.noise, T_b_f @ self.T_f_s
         u_s = target.plane.u @ T_b_s[:, :3, :3]
@@ -310,7 +310,7 @@ class LinePredictor:
         T_b_s = np.tile(np.eye(4), (*origin.shape[:3], 1, 1))
         T_b_s[..., :3, :3], T_b_s[..., :3, 3] = R_b_s[:, None, None], origin
         T_b_f = T_b_s.reshape(-1, 4, 4) @ frames.inverse_pose(self.T_f_s)
-        seen = self.lines(T_b_f)
+        seen = self.predict_lines(T_b_f)
         on_board = board.contains_points(seen.ends_b, LINE_EDGE_MARGIN).all(axis=1)
         return np.asarray(T_b_f[(seen.line_length >= MIN_PLANNED_LINE_LENGTH) & on_board])
 
@@ -340,7 +340,7 @@ class LinePredictor:
         poses, so_far = (
             np.reshape(np.array(each, dtype=float), (-1, 4, 4)) for each in (candidates, taken)
         )
-        known, seen = self._information(so_far), self.lines(poses).information
+        known, seen = self._information(so_far), self.predict_lines(poses).information
         total = known + seen
         # The plane is unknown too: a Schur complement's determinant is a quotient of two.
         gain = np.linalg.slogdet(total)[1] - np.linalg.slogdet(total[:, 6:, 6:])[1]
@@ -362,7 +362,7 @@ class LinePredictor:
         if not self.target.is_place_known:
             # Unknown, yet no determinant may vanish: half a turn and a metre.
             known[6:, 6:] = np.diag((np.pi**-2, np.pi**-2, 1.0))
-        return np.asarray(known + self.lines(T_b_f).information.sum(0))
+        return np.asarray(known + self.predict_lines(T_b_f).information.sum(0))
 
 
 def _remaining_uncertainty(information: Array) -> HandEyeUncertainty:
@@ -566,7 +566,8 @@ class CalibrationPlan:
         samples = self.fit_lines(measured.line_profiles)
         result, refusal, T_f_s = None, None, self.T_f_s
         try:
-            result = calibrate_on_plane(samples, target, self.noise, T_f_s_guess=self.T_f_s)
+            seen = [SeenBoard(samples, target, self.noise)]
+            result = calibrate_on_targets(seen, self.noise, T_f_s_guess=self.T_f_s)
             T_f_s = result.T_f_s
         except CalibrationRefused as refused:
             refusal = refused

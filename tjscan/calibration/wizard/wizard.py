@@ -78,7 +78,7 @@ class CalibrationWizard:
         """
         target, board = self.touch_board()
         result = self.take_lines(target, board)
-        return result, self.verify(result, target, board)
+        return result, self.verify_calibration(result, target, board)
 
     def touch_board(self) -> tuple[PlaneTarget, BoardRectangle]:
         """Touch every place not touched yet, and touch again those that don't fit a plane.
@@ -133,7 +133,7 @@ class CalibrationWizard:
                 return progress.result
             self._take_line(target, board, progress, fresh=False)
 
-    def verify(
+    def verify_calibration(
         self, result: HandEyeCalibration, target: PlaneTarget, board: BoardRectangle
     ) -> FreshLineVerification:
         """Compare the calibration with one more line, taken now unless one was recorded.
@@ -164,7 +164,7 @@ class CalibrationWizard:
         )
         self.operator.report(finding)
         keep = "It contradicts the calibration. Keep that all the same?"
-        if not found.agrees and not self.operator.confirm(
+        if not found.line_agrees and not self.operator.confirm(
             Question(keep, False, yes="Finish", no="Redo")
         ):
             raise CalibrationRefused(

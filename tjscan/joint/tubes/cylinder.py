@@ -95,8 +95,7 @@ CONVERGED_CYLINDER_STEP: Final = 1e-8
 """Metres and radians that no number moves by any more in the end."""
 
 LEAST_NORMAL_SPREAD: Final = 0.05
-"""Least singular value, as a share of the largest, by which normals fix an axis: about 10° round
-the tube."""
+"""Least singular value over the largest by which normals fix an axis: 10° round the tube."""
 
 FEWEST_CYLINDER_POINTS: Final = 12
 """Points that a cylinder is fitted to."""

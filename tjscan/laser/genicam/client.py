@@ -27,10 +27,8 @@ from tjscan.laser.genicam import messages
 from tjscan.laser.genicam.settings import FeatureValue, GenicamSettings, ScanControlSettings
 
 DISCOVERY_TIMEOUT_MS: Final = (100, 300, 900)
-"""Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.
-
-Most answer at once; a datagram may get lost, and GigE Vision lets an answer take up to a second.
-"""
+"""Milliseconds to wait for answers to each broadcast, until a laser is given up. Most answer at
+once; a datagram may get lost, and GigE Vision lets an answer take up to a second."""
 
 HEARTBEAT_PATIENCE: Final = 3.2
 """Seconds for which a laser stays with a program that was killed: GigE Vision's usual heartbeat."""
@@ -142,8 +140,8 @@ class GenicamClient:
                     pixel_format=frame.pixel_format,
                     columns=frame.width,
                     rows=frame.height,
-                    exposed=when.middle,
-                    uncertainty=when.half,
+                    exposed=when.midpoint,
+                    uncertainty=when.half_length,
                     attempts=attempt,
                 )
         if stale:
@@ -167,7 +165,7 @@ class GenicamClient:
                 self._camera.close()
         self._stream = self._camera = None
 
-    def explain(self, error: Exception) -> errors.LaserFault:
+    def explain_error(self, error: Exception) -> errors.LaserFault:
         """Fault that an error means: a fault itself, or one that the library raised."""
         if isinstance(error, errors.LaserFault):
             return error
@@ -337,7 +335,7 @@ def main() -> None:
     with suppress(EOFError, OSError):  # the main process is gone
         while True:
             request: ClientRequest = connection.recv()
-            connection.send(request.run_on_client(client, client.explain))
+            connection.send(request.run_on_client(client, client.explain_error))
     client.close()
     os._exit(0)  # without waiting for the library's threads
 

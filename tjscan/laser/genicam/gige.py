@@ -177,7 +177,7 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
         LaserFault
             What the method raised.
         """
-        answer = self._client.ask(name, *arguments, limit=limit)
+        answer = self._client.call_method(name, *arguments, limit=limit)
         if isinstance(answer.failure, LaserFault):
             raise answer.failure
         if not isinstance(answer.value, kind):
@@ -237,7 +237,7 @@ def scales_of_laser(laser: ConnectedLaser, settings: GenicamSettings) -> Scan3dS
     for (scale, offset), axis, flip in zip(pairs, (laser.x, laser.z), flips, strict=True):
         limits = _raw_number_limits(axis) if settings.axis_limits else (-inf, inf)
         found = AxisScale(scale, offset, *limits)
-        axes.append(found.flipped() if flip else found)
+        axes.append(found.flipped_axis() if flip else found)
     invalid = laser.z.invalid if settings.invalid is None else settings.invalid
     return Scan3dScales(axes[0], axes[1], invalid)
 

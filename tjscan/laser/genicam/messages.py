@@ -121,12 +121,12 @@ class HostInterval:
     end: float
 
     @property
-    def middle(self) -> float:
+    def midpoint(self) -> float:
         """The middle of the span."""
         return (self.begin + self.end) / 2
 
     @property
-    def half(self) -> float:
+    def half_length(self) -> float:
         """Half its length."""
         return (self.end - self.begin) / 2
 
@@ -162,4 +162,4 @@ def exposure_on_cell_clock(
     cell_read : HostInterval
         When it was read, on the host's clock.
     """
-    return cell + (exposed - cell_read.middle), uncertainty + cell_read.half
+    return cell + (exposed - cell_read.midpoint), uncertainty + cell_read.half_length

@@ -37,10 +37,8 @@ READ_BACK_TOLERANCE: Final = 1e-6
 """Metres, radians or kilograms between a value that was set and the same read back."""
 
 WRONG_ARM_MODEL_DISTANCE: Final = 0.005
-"""Metres between the flange as the controller and as the model has it, beyond calibration.
-
-Less than the clearance's default margins: what is planned on the model holds for the arm.
-"""
+"""Metres between the flange as the controller and as the model has it, beyond calibration. Less
+than the clearance's default margins: what is planned on the model holds for the arm."""
 
 
 def connect_to_controller(
@@ -115,7 +113,7 @@ def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -
     The dashboard is slow to report a program's end.
     """
     for late in _polls_until_limit(latch):
-        if dashboard.ask_value("running").lower() != "true":
+        if dashboard.ask_dashboard_value("running").lower() != "true":
             return
         if late:
             raise errors.ArmBusy(

@@ -68,7 +68,7 @@ class LongestSilence:
             (end, gap) for end, gap in self._ended if moment - end < SILENCE_MEMORY and gap > length
         ] + [(moment, length)]
 
-    def longest(self, moment: float) -> float:
+    def longest_until(self, moment: float) -> float:
         """Longest silence of the last seconds until this moment, in seconds."""
         lately = [gap for end, gap in self._ended if moment - end < SILENCE_MEMORY]
         return max([moment - self._last, *lately])
@@ -130,8 +130,8 @@ class RtdeClient:
             runtime_state=receive.getRuntimeState(),
             operation=status.operationId(),
             moving=status.isAsyncOperationRunning(),
-            unheard=self._sent.longest(moment) if self._watched else 0.0,
-            unseen=self._received.longest(moment),
+            unheard=self._sent.longest_until(moment) if self._watched else 0.0,
+            unseen=self._received.longest_until(moment),
             payload=receive.getPayload() if reported else None,
             centre_of_gravity=tuple(receive.getPayloadCog()) if reported else None,
         )

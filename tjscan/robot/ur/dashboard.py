@@ -80,7 +80,7 @@ class DashboardClient:
         self.close()
         self._connect(limit)
 
-    def ask(self, line: str) -> str:
+    def ask_dashboard(self, line: str) -> str:
         """Send a line to the dashboard and return its answer.
 
         Raises
@@ -96,9 +96,9 @@ class DashboardClient:
             raise self._no_answer_error(str(error)) from None
         return self._read_line()
 
-    def ask_value(self, line: str) -> str:
+    def ask_dashboard_value(self, line: str) -> str:
         """Send a line to the dashboard and return the value behind the colon of its answer."""
-        return self.ask(line).rpartition(": ")[2].strip()
+        return self.ask_dashboard(line).rpartition(": ")[2].strip()
 
     def stop_program(self) -> None:
         """Stop the program that runs on the controller, and all motion with it.
@@ -110,10 +110,10 @@ class DashboardClient:
         ArmNotResponding
             As `ask` does.
         """
-        answer = self.ask("stop")
+        answer = self.ask_dashboard("stop")
         # Whether a controller on which nothing runs confirms is not known: that it runs counts.
         confirmed = answer.lower().startswith("stopped")
-        if not confirmed and self.ask_value("running").lower() != "false":
+        if not confirmed and self.ask_dashboard_value("running").lower() != "false":
             message = f"the controller did not end the program when it was asked to ({answer!r})."
             raise ArmFault(message)
 
@@ -167,7 +167,7 @@ def read_ur_identity(
 ) -> UrIdentity:
     """Read the arm's identity from the dashboard; raises as `DashboardClient.ask` does."""
     questions = ("get robot model", "get serial number", "PolyscopeVersion")
-    model, serial, software = (_answer_if_understood(dashboard.ask(q)) for q in questions)
+    model, serial, software = (_answer_if_understood(dashboard.ask_dashboard(q)) for q in questions)
     return UrIdentity(model, serial, software, payload, kinematics)
 
 

@@ -143,7 +143,7 @@ class ControllerSession:
         ClientLibraryError
             If the client library raised something.
         """
-        answer = self.link.ask(name, *arguments, limit=limit)
+        answer = self.link.call_method(name, *arguments, limit=limit)
         if answer.failure == messages.NOT_SUPERVISED:
             raise errors.MoveSupervisionLost(
                 "this program paused while the arm moved, and the arm was stopped on its "
@@ -197,7 +197,7 @@ class ControllerSession:
             If it can't be connected again; the session has ended then.
         """
         try:
-            self.dashboard.ask("running")
+            self.dashboard.ask_dashboard("running")
         except errors.ArmNotResponding as lost:
             self._reconnect_dashboard(lost)
 
@@ -323,7 +323,7 @@ class ControllerSession:
 def not_ready_fault(dashboard: DashboardClient) -> errors.ArmFault | None:
     """Fault that keeps the arm from moving, by its dashboard; None if it is ready."""
     return (
-        messages.fault_of_safety_mode(dashboard.ask_value("safetystatus"))
-        or messages.fault_of_robot_mode(dashboard.ask_value("robotmode"))
-        or messages.fault_of_local_control(dashboard.ask("is in remote control"))
+        messages.fault_of_safety_mode(dashboard.ask_dashboard_value("safetystatus"))
+        or messages.fault_of_robot_mode(dashboard.ask_dashboard_value("robotmode"))
+        or messages.fault_of_local_control(dashboard.ask_dashboard("is in remote control"))
     )

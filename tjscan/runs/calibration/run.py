@@ -279,7 +279,7 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
         deviation = LaserDeviation.for_window(largest, window)
     board_f = board.T, 0.5 * np.array(board.size), np.array(board.probe_tip)
     measured = board.noise, board.touches, board.lines
-    moves = ArmGeometryDeviation(kinematics_of_job(job)).moves
+    moves = ArmGeometryDeviation(kinematics_of_job(job)).flange_motion
     return CalibrationPlan(*board_f, T_f_s, window, *measured, moves, deviation)
 
 

@@ -152,8 +152,7 @@ CABLE_HOLD_IMPEDANCE: Final = (0.999, 0.999, 0.001, 0.5, 2.0)
 """Of what holds a cable's end to the next vehicle."""
 
 CABLE_HOLD_MASS_SHARE: Final = 0.1
-"""Share of a vehicle's mass that the welded end carries: a weld is as soft as what it holds is
-light."""
+"""Share of a vehicle's mass in the welded end: a weld is as soft as what it holds is light."""
 
 WALL_THICKNESS: Final = 0.02
 WALL_HEIGHT: Final = 0.3

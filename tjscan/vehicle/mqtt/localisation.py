@@ -84,13 +84,13 @@ class MqttLocalisation(BrokerClient):
         first, _, second = received.topic.partition("/")
         if first == wire.PASSER_BY_TOPIC:
             disc = wire.PasserByMessage.from_json(received.payload)
-            measured = gate.measured(disc, received.time)
+            measured = gate.measuring_time(disc, received.time)
             self._passers_by[second] = TrackedDisc(
                 measured, disc.x, disc.y, disc.radius, disc.vx, disc.vy
             )
         else:
             pose = wire.PoseMessage.from_json(received.payload)
-            measured = gate.measured(pose, received.time)
+            measured = gate.measuring_time(pose, received.time)
             self._newest[int(first) - 1] = VehiclePose(measured, pose.x, pose.y, pose.heading)
 
     def _link_changed(self, up: bool) -> None:

@@ -163,7 +163,7 @@ class MqttVehicle(BrokerClient):
             self._receive_state(wire.StateMessage.from_json(received.payload), received.time)
         elif received.topic == wire.POSE_TOPIC:
             message = wire.PoseMessage.from_json(received.payload)
-            self._pose_gate.measured(message, received.time)
+            self._pose_gate.measuring_time(message, received.time)
             self._pose = message
 
     def _receive_presence(self, message: wire.PresenceMessage) -> None:

@@ -283,7 +283,7 @@ class MessageGate:
         self._last: tuple[int, float] | None = None
         self._offset, self._heard = inf, 0.0
 
-    def reset(self, session: str = "") -> None:
+    def restart_session(self, session: str = "") -> None:
         """Begin again, with the messages of a session, or of the first that comes."""
         self.session, self._last, self._offset = session, None, inf
 
@@ -384,7 +384,7 @@ class PoseGate:
         self._offset, self._heard, self._given = inf, -inf, -inf
         self._doubted: tuple[float, int] = (inf, 0)
 
-    def measured(self, message: WireMessage, now: float) -> float:
+    def measuring_time(self, message: WireMessage, now: float) -> float:
         """When it was measured, seconds on the receiver's clock.
 
         Parameters
