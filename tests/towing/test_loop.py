@@ -363,6 +363,14 @@ def test_a_welder_that_runs_off_is_followed_and_the_tow_ends_with_its_name() -> 
     assert {cycle.along for cycle in rig.kept.cycles if cycle.time > 5.5} == {last.along}
 
 
+def test_a_vehicle_that_turns_on_the_spot_is_named() -> None:
+    """By 4° a second: its place stays, and the cable that it holds is bent."""
+    rig = Rig(disturb=run_away(1, np.array((0.0, np.radians(4.0), 0.0))))
+    with pytest.raises(VehicleFault, match="vehicle 2"):
+        rig.run()
+    assert "off plan" in rig.kept.names
+
+
 def test_a_towing_vehicle_that_runs_off_is_named_and_planned_around() -> None:
     rig = Rig(disturb=run_away(1, np.array((0.0, 0.0, 0.02))))
     with pytest.raises(VehicleFault, match="vehicle 2 does not follow its commands"):

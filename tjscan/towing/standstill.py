@@ -179,8 +179,9 @@ class RunawayCheck:
         ----------
         now : float
             Seconds.
-        asked, driven : ndarray, shape (2,)
-            Way in the last period as commanded and by odometry, metres along x and y.
+        asked, driven : ndarray, shape (3,)
+            Way in the last period as commanded and by odometry: along x and y, and of the body's
+            rim as it turns, metres.
         period : float
             Seconds.
         """
@@ -349,11 +350,12 @@ class StandstillWatch:
         stopped, runaways = list[int](), list[int]()
         poses, sigmas = estimate.poses, estimate.sigmas
         for v, state in enumerate(states):
-            way = period * velocity_from_twist(asked[v], poses[v, 2])[:2]
-            driven = way
+            rim = period * np.array((1.0, 1.0, self._team.body_radius))
+            told = driven = rim * velocity_from_twist(asked[v], poses[v, 2])
             if isinstance(state, VehicleState):
-                driven = period * velocity_from_twist(state.odometry, poses[v, 2])[:2]
-            off, check = self._runaways[v].update(now, way, driven, period), self._checks[v]
+                driven = rim * velocity_from_twist(state.odometry, poses[v, 2])
+            off, check = self._runaways[v].update(now, told, driven, period), self._checks[v]
+            way = told[:2]
             if targets is not None and hypot(*(poses[v] - targets[v])[:2]) < AT_TARGET:
                 way = np.zeros(2)
             moved = describe_unexplained_way(estimate.estimates[v])[0] == "moved"

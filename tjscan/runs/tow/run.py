@@ -13,7 +13,6 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import lock_and_clean_directory
 from tjscan.job.tow.cell import (
     TowCell,
     check_seam,
@@ -222,7 +221,6 @@ def replay_tow(
         planner = make_shape_planner(context.job)
     entries = list(read_tow(directory))
     run.make_vehicle_run_directory(out, context)
-    origin = run.job_snapshot_of_file(out / JOB_FILE)
     truths = [entry for entry in entries if isinstance(entry, TowTruth)]
     truth = partial(next, iter(truths)) if truths else None
     seam = Seam(context.job.seam)
@@ -231,20 +229,19 @@ def replay_tow(
     last = starts[0]
     if began is not None:  # the shape whose vehicles are nearest to where they were
         last = min(starts, key=lambda plan: np.hypot(*(plan.held_poses - began)[:, :2].T).mean())
-    with lock_and_clean_directory(out):
-        with TowRecording(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
-            journal.record(RunEvent(REPLAY_EVENT, f"planned again from {directory}; nothing moved"))
-            halted = False
-            for entry in entries:
-                if isinstance(entry, TowCycle):
-                    cycle = _replan_cycle(entry, planner, seam, last)
-                    halted |= bool(cycle.plan.halt)
-                    last = last if cycle.plan.halt else cycle.plan
-                    journal.record(cycle)
-                elif isinstance(entry, RunEvent) and not (halted and entry.name == WELDED_EVENT):
-                    journal.record(entry)
-        write_tow_results(out, context.job)
-    finished(out)
+    record = partial(TowRecording, truth=truth)
+    results = partial(write_tow_results, job=context.job)
+    with run.record_vehicle_run(context, out, TOW_RECORDING, record, results) as journal:
+        journal.record(RunEvent(REPLAY_EVENT, f"planned again from {directory}; nothing moved"))
+        halted = False
+        for entry in entries:
+            if isinstance(entry, TowCycle):
+                cycle = _replan_cycle(entry, planner, seam, last)
+                halted |= bool(cycle.plan.halt)
+                last = last if cycle.plan.halt else cycle.plan
+                journal.record(cycle)
+            elif isinstance(entry, RunEvent) and not (halted and entry.name == WELDED_EVENT):
+                journal.record(entry)
 
 
 def _replan_cycle(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
