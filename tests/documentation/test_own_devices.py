@@ -28,7 +28,8 @@ def test_the_driver_of_the_documents_takes_profiles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = ROOT / "docs" / "own-devices.md"
-    driver, package, job = (block.text for block in fenced_blocks(page) if block.language != "sh")
+    blocks = (block.text for block in fenced_blocks(page) if block.language != "sh")
+    driver, package, job, _towing_vehicle = blocks
     name, place = re.findall(r'(\w+) = "(\w+:\w+)"', package)[0]
     (tmp_path / f"{place.partition(':')[0]}.py").write_text(driver, encoding="utf-8")
     text = re.sub(r"(?ms)^\[laser\].*?(?=^\[)", job + "\n", PAPER.read_text(encoding="utf-8"))
