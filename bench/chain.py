@@ -17,7 +17,7 @@ from tjscan.core.errors import CalibrationRefused, StitchingRefused
 from tjscan.core.frames import inverse_pose
 from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.chain import read_chain, run_chain
+from tjscan.runs.chain import read_chain_file, run_chain
 from tjscan.runs.scan.run import ScanContext
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "paper-chain.toml"
@@ -48,7 +48,7 @@ class CellErrors:
 
 def run_cell(seed: int, *, arm: bool) -> CellErrors:
     """Run the chain with the cell of a seed; raises as `run_chain` does."""
-    chain = read_chain(EXAMPLE).with_shared_keys({"simulation.seed": seed})
+    chain = read_chain_file(EXAMPLE).with_shared_keys({"simulation.seed": seed})
     with TemporaryDirectory() as folder:
         found = run_chain(chain, Path(folder), arm=arm)
     whole = read_scan_job(Path(chain.scan), chain.both)

@@ -26,7 +26,7 @@ from tjscan.job.files import (
     read_scan_job,
 )
 from tjscan.job.tow.job import read_tow_job
-from tjscan.runs.chain import read_chain
+from tjscan.runs.chain import read_chain_file
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import read_study_file
 
@@ -103,7 +103,7 @@ LOADERS: Final[dict[str, tuple[Callable[[Path, Any], object], str]]] = {
     "tow run": (read_tow_job, "tow-simulation"),
     "tow replay": (read_tow_job, "tow-simulation"),
     "study": (lambda file, _: read_study_file(file, study_backend_of_task), "paper-study"),
-    "chain": (lambda file, _: read_chain(file), "paper-chain"),
+    "chain": (lambda file, _: read_chain_file(file), "paper-chain"),
 }
 """What reads the file of a command that is only parsed, and the example that stands for JOB."""
 

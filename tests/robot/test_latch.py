@@ -18,11 +18,11 @@ def test_after_a_stop_nothing_starts_until_it_is_taken_back() -> None:
     latch.stop()
     assert latch.wait_for_stop(0.0)
     latch.stop()  # twice is once
-    for way in (latch.hold_for_move, latch.begin_move):
+    for way in (latch.hold_for_move, latch.begin_move_unless_stopped):
         with pytest.raises(ArmFault, match="taken back"), way():
             pytest.fail("it began")
     latch.clear_stop()
-    with latch.hold_for_move(), latch.begin_move():
+    with latch.hold_for_move(), latch.begin_move_unless_stopped():
         pass
 
 
@@ -30,7 +30,7 @@ def test_a_move_that_was_ordered_before_a_stop_never_starts_after_it() -> None:
     latch = MotionLock()
     with latch.hold_for_move():
         latch.stop()
-        with pytest.raises(ArmFault, match="taken back"), latch.begin_move():
+        with pytest.raises(ArmFault, match="taken back"), latch.begin_move_unless_stopped():
             pytest.fail("it began")
 
 
@@ -55,7 +55,7 @@ def test_a_stop_returns_when_what_starts_has_started() -> None:
 
     stopper = threading.Thread(target=stop)
     with latch.hold_for_move():
-        with latch.begin_move():
+        with latch.begin_move_unless_stopped():
             stopper.start()
             assert latch.wait_for_stop(PATIENCE)  # it is known at once
             assert not done.is_set()
@@ -65,7 +65,7 @@ def test_a_stop_returns_when_what_starts_has_started() -> None:
 
 def test_a_stop_can_be_given_by_what_interrupts_a_start() -> None:
     latch = MotionLock()
-    with latch.hold_for_move(), latch.begin_move():
+    with latch.hold_for_move(), latch.begin_move_unless_stopped():
         latch.stop()
     assert latch.wait_for_stop(0.0)
 
@@ -84,7 +84,7 @@ def test_a_stop_is_taken_back_once_the_move_it_stopped_has_ended() -> None:
         clearer.start()
         assert clearing.wait(PATIENCE)
         assert not done.is_set()
-        with pytest.raises(ArmFault), latch.begin_move():
+        with pytest.raises(ArmFault), latch.begin_move_unless_stopped():
             pytest.fail("it began")
     assert done.wait(PATIENCE)
     clearer.join()
@@ -97,7 +97,7 @@ def test_nothing_starts_between_a_stop_and_its_end() -> None:
     def move() -> None:
         while not ended.is_set():
             try:
-                with latch.hold_for_move(), latch.begin_move():
+                with latch.hold_for_move(), latch.begin_move_unless_stopped():
                     started[0] += 1
             except ArmFault:
                 continue

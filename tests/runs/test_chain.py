@@ -11,13 +11,13 @@ from command import tjscan
 from tjscan.core.config import table_to_dict
 from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.recording.header import flatten_to_dotted_keys
-from tjscan.runs.chain import KEYS_OF_ERROR_SOURCES, read_chain
+from tjscan.runs.chain import KEYS_OF_ERROR_SOURCES, read_chain_file
 
 CHAIN = EXAMPLES / "paper-chain.toml"
 
 
 def test_both_jobs_are_of_one_cell_that_errs() -> None:
-    chain = read_chain(CHAIN)
+    chain = read_chain_file(CHAIN)
     calibrate = read_calibration_job(Path(chain.calibrate), chain.both | chain.calibration)
     scan = read_scan_job(Path(chain.scan), chain.both)
     worlds = [one.simulation for one in (calibrate, scan)]
@@ -34,7 +34,7 @@ def test_both_jobs_are_of_one_cell_that_errs() -> None:
 
 @pytest.mark.parametrize("source", KEYS_OF_ERROR_SOURCES)
 def test_each_source_is_there_and_can_be_switched_off(source: str) -> None:
-    chain = read_chain(CHAIN)
+    chain = read_chain_file(CHAIN)
     as_it_is = flatten_to_dotted_keys(table_to_dict(read_scan_job(Path(chain.scan), chain.both)))
     without = chain.with_shared_keys(dict.fromkeys(KEYS_OF_ERROR_SOURCES[source], 0.0))
     off = flatten_to_dotted_keys(table_to_dict(read_scan_job(Path(chain.scan), without.both)))

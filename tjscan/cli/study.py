@@ -90,17 +90,17 @@ def chain(
     json
         Print the table as JSON on stdout.
     """
-    from tjscan.cli.output.study import chain_outcome_line, print_error_sources
+    from tjscan.cli.output.study import error_source_line, print_error_sources
     from tjscan.report.write import write_run_report
     from tjscan.result.directory import CALIBRATION_FILE
-    from tjscan.runs.chain import CALIBRATION_RUN_FOLDER, read_chain, run_error_sources
+    from tjscan.runs.chain import CALIBRATION_RUN_FOLDER, read_chain_file, run_error_sources
 
-    read = read_chain(chain)
+    read = read_chain_file(chain)
     directory = out or default_run_directory(chain)
     rows = []
     for row in run_error_sources(read, directory, arm=arm, begin=print_message, alone=sources):
         rows.append(row)
-        print_message(chain_outcome_line(row))
+        print_message(error_source_line(row))
         calibration = row.directory / CALIBRATION_RUN_FOLDER
         if (calibration / CALIBRATION_FILE).exists():
             print_message(f"  its calibration on a page: {write_run_report(calibration)}")

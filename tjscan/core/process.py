@@ -21,7 +21,7 @@ QUOTED_OUTPUT_CHARACTERS: Final = 300
 
 
 @dataclass(frozen=True, slots=True)
-class ClientRequest:
+class ClientMethodCall:
     """Request to call a method of the client; its number is repeated in the answer."""
 
     number: int
@@ -53,7 +53,7 @@ class ClientProcess:
     ----------
     module : str
         Module to run. Its only argument is the number of a `multiprocessing` connection, from
-        which it reads a `ClientRequest` and sends a `ClientAnswer`, one after another.
+        which it reads a `ClientMethodCall` and sends a `ClientAnswer`, one after another.
     device : str
         What the client talks to, as errors call it.
     ended, silent : callable
@@ -110,7 +110,7 @@ class ClientProcess:
             self._number += 1
             until = time.monotonic() + limit
             try:
-                self._connection.send(ClientRequest(self._number, name, arguments))
+                self._connection.send(ClientMethodCall(self._number, name, arguments))
                 while self._connection.poll(max(until - time.monotonic(), 0.0)):
                     answer: ClientAnswer = self._connection.recv()
                     if answer.number == self._number:  # not of an interrupted question

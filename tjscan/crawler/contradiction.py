@@ -47,7 +47,7 @@ joint are off by the one for some millimetres; a track whose slip changes, by th
 SCATTER_MEMORY_LENGTH: Final = 0.3
 """Metres over which the true scatter of those means is learned: it counts if it is larger."""
 
-MOST_SCATTERS: Final = 6.0
+SCATTER_LIMIT: Final = 6.0
 """Standard deviations: one in 10⁹ of normal means; some 10⁵ means are seen in an hour."""
 
 LARGEST_SURPRISE: Final = 1e-3
@@ -163,7 +163,7 @@ class ReadingWatch:
         self._means += (1 - np.exp(-way / np.array((SUDDEN_LENGTH, LASTING_LENGTH)))) * (
             off - self._means
         )
-        limits = MOST_SCATTERS * np.sqrt(np.maximum(self._variances, np.square(LEAST_SCATTERS)))
+        limits = SCATTER_LIMIT * np.sqrt(np.maximum(self._variances, np.square(LEAST_SCATTERS)))
         learned = np.minimum(self._means**2, (limits / 2) ** 2)
         self._variances += min(way / SCATTER_MEMORY_LENGTH, 1.0) * (learned - self._variances)
         sudden, lasting = (np.abs(self._means) > limits).tolist()

@@ -76,7 +76,7 @@ TURNING_STATES: Final = [
 ODOMETRY_STATES: Final = slice(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.ODOMETRY_DELAY + 1)
 """What the tracks' turn rate is wrong by."""
 
-SIDEWAYS_STATES: Final = [
+SIDEWAYS_STATE_INDICES: Final = [
     *(SlipStateIndex.HEADING, SlipStateIndex.ROTATION_CENTRE, SlipStateIndex.FIXED_CENTRE),
     *(SlipStateIndex.CRAB, SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.TURNING_CRAB),
     SlipStateIndex.SETTLED_CENTRE,
@@ -87,7 +87,7 @@ SETTLING_LENGTH: Final = 0.1
 """Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
 latest after its contact, and let go before where they slide (assumption)."""
 
-TIGHT_CURVATURE: Final = 0.1
+HALF_STICKING_CURVATURE: Final = 0.1
 """1/m: a turn in which most feet slide, so that half of what a turn that lasts shifts the centre of
 rotation by is gone. Feet that stuck over a contact of 0.7 m would be sheared by 6 mm, and give way
 by 1 mm (assumption)."""
@@ -167,7 +167,7 @@ def propagate_state(
     # Travel sideways: by heading, by crab, and as the torch swings round the centre of rotation.
     q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * abs(turn) - turn * arm)
     # A turn that lasts shifts the centre farther, the less so the more feet slide.
-    sticks = 1 / (1 + efficiency * abs(odometry.recent_turn) / TIGHT_CURVATURE)
+    sticks = 1 / (1 + efficiency * abs(odometry.recent_turn) / HALF_STICKING_CURVATURE)
     turned = u * odometry.recent_turn * sticks
     q -= dt * settled * efficiency * turned
     kept = exp(-abs(u) * dt / SETTLING_LENGTH)
@@ -187,7 +187,7 @@ def propagate_state(
     F[[SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN], SlipStateIndex.CURVATURE] = -dt * u
     F[0] += dt * (turning_crab * (copysign(1.0, turn) if turn else 0.0) - arm) * by_slip
     F[0, SlipStateIndex.YAW_EFFICIENCY] -= dt * settled * turned * sticks
-    F[0, SIDEWAYS_STATES] = np.multiply(
+    F[0, SIDEWAYS_STATE_INDICES] = np.multiply(
         dt,
         (u * cos(heading), -turn * way, -turn, abs(u), abs(u), abs(turn), -efficiency * turned),
     )

@@ -177,7 +177,7 @@ def _grow_seeds(
     member = np.zeros((len(seeds), len(pieces.first)), dtype=np.bool_)
     member[np.arange(len(seeds)), seeds] = True
     probes, heights = pieces.probes.ravel(), pieces.heights.ravel()
-    steep, _ = _steepness(pieces.moments[seeds])
+    steep, _ = _steepness_and_height(pieces.moments[seeds])
     powers = np.array((np.ones_like(probes), probes, probes**2))
     pairs = (powers[:, None] * powers[None]).reshape(9, -1)
     # What a difference of y is square to the curve, in metres.
@@ -227,7 +227,7 @@ def _best_ranges(pieces: Pieces, known: CandidateKind, variance: float) -> NDArr
     return member
 
 
-def _steepness(sums: Array) -> tuple[Array, Array]:
+def _steepness_and_height(sums: Array) -> tuple[Array, Array]:
     """How steep the line through some points is, and its height y, from their moments, (m,)."""
     w, a, b, c, d = sums.T[[0, 1, 2, 5, 6]]
     u, y = a / w, c / w
@@ -241,7 +241,7 @@ def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array,
     Coefficients, shape (K, 3), inverse normal matrices, shape (K, 3, 3), and squared errors square
     to the curves, (K,), in m².
     """
-    steep, height = _steepness(sums)
+    steep, height = _steepness_and_height(sums)
     normal = sums[:, _HANKEL_INDEX]
     # A bend of c2 metres per square metre is c2 (steep / y)³ in (u, y).
     normal[:, 2, 2] += variance * (height / steep) ** 6 / bend**2

@@ -230,7 +230,7 @@ def estimate_noise_correlation(
     )
 
 
-def noise_variances(fitted: FittedProfile) -> Array:
+def side_noise_variances(fitted: FittedProfile) -> Array:
     """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
     inflation = fitted.noise.variance_inflation
     lost = noise_share_in_fit(2 + fitted.curved, inflation, fitted.counts)
@@ -249,7 +249,7 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
     lags = fitted.noise.lags[:block]
     # Variance of a mean of correlated points, over one point's.
     share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2
-    for k, sigma in enumerate(np.sqrt(noise_variances(fitted)).tolist()):
+    for k, sigma in enumerate(np.sqrt(side_noise_variances(fitted)).tolist()):
         side = fitted.spans[k]
         own = fitted.residuals[side][fitted.keep[side]]
         count = len(own) // block
@@ -540,7 +540,7 @@ def _log_odds_of_straight_sides(
     share = c0 + u * (c1 + u * (c2 + u * c3))
     doubt = prior_uncertainty_terms(fitted.weight, spread)
     sums = correlated_normal_matrices(fitted.noise, share[None], fitted.counts, row.columns[keep])
-    variance = noise_variances(fitted) * sums[:, 0, 0]
+    variance = side_noise_variances(fitted) * sums[:, 0, 0]
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * SCALING_LENGTH**2

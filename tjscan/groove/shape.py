@@ -21,11 +21,11 @@ from tjscan.groove.interreflection import NotchPull, find_pull
 from tjscan.groove.refinement import (
     SIGNIFICANT_SIGMAS,
     correlated_normal_matrices,
-    noise_variances,
     prior_shape_means,
     prior_shape_sigmas,
     prior_uncertainty_terms,
     prior_weights,
+    side_noise_variances,
     solve_with_prior,
     undulation_sigmas,
 )
@@ -214,7 +214,7 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     model : tuple of SideModel
         What they are like.
     """
-    sigmas = np.sqrt(noise_variances(fitted))
+    sigmas = np.sqrt(side_noise_variances(fitted))
     found = np.zeros((len(fitted.corners), 2))
     chance = np.ones_like(found)
     edges = fitted.edges
@@ -355,7 +355,7 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     np.multiply(u, u, out=basis[2])
     np.multiply(basis[2], u, out=basis[3])
     meat = correlated_normal_matrices(fitted.noise, basis, fitted.counts, fit.row.columns[keep])
-    meat *= noise_variances(fitted)[:, None, None]
+    meat *= side_noise_variances(fitted)[:, None, None]
     bends = spread[:, 0] > 0
     here = SCALING_LENGTH_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
     total = _sandwich_covariance(fitted.inverse, meat, fitted.weight, spread)

@@ -265,7 +265,7 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     """
     if prior is None and (
         reflection_probability(fit.fitted) > MOST_REFLECTED_BESIDE_SCALE
-        or not (_has_scale_steps(fit, 0) or _has_scale_steps(fit, -1))
+        or not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))
     ):
         return fit
     fit, back = _fit_without_scale(fit, prior, tolerance)
@@ -274,7 +274,7 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     return _fit_without_pull(fit, back, prior, tolerance)
 
 
-def _has_scale_steps(fit: GrooveFit, k: int) -> bool:
+def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
     """Whether a side steps up and down, as scale does that has flaked off in part, and no wave."""
     residuals = fit.fitted.residuals[fit.fitted.spans[k]]
     near = residuals[np.abs(residuals) < SURFACE_REACH]

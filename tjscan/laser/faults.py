@@ -90,7 +90,7 @@ def apply_faults(
     distance[flies], kind[flies] = flying[flies], PointOrigin.FLYER
     kind[_columns_lost_to_grazing(cosine, model, streams.dropout)] = PointOrigin.MISSING
 
-    ghosts = _columns_with_mirror_image(hits, model, streams.ghosts)
+    ghosts = _draw_mirror_image_columns(hits, model, streams.ghosts)
     distance[ghosts], kind[ghosts] = hits.ghost[ghosts], PointOrigin.GHOST
     intensity[ghosts] *= model.ghost_intensity
 
@@ -100,7 +100,7 @@ def apply_faults(
     distance[strays] += offsets
     kind[strays] = PointOrigin.STRAY
 
-    count = draw_whole_number(model.missing * model.columns, streams.missing)
+    count = round_randomly(model.missing * model.columns, streams.missing)
     everywhere = np.arange(model.columns)
     missing = choose_column_runs(streams.missing, everywhere, count, model.missing_run)
     kind[missing] = PointOrigin.MISSING
@@ -182,7 +182,7 @@ def _columns_lost_to_grazing(cosine: Array, model: LaserModel, rng: Generator) -
     return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))
 
 
-def _columns_with_mirror_image(
+def _draw_mirror_image_columns(
     hits: LaserRayHits, model: LaserModel, rng: Generator
 ) -> NDArray[np.intp]:
     """Columns that show the mirror image instead of the face."""
@@ -190,7 +190,7 @@ def _columns_with_mirror_image(
         return np.empty(0, dtype=np.intp)
     possible = np.flatnonzero(np.isfinite(hits.ghost))
     wanted = model.ghosts * np.count_nonzero(hits.seen)
-    count = draw_whole_number(min(wanted, model.ghost_share * len(possible)), rng)
+    count = round_randomly(min(wanted, model.ghost_share * len(possible)), rng)
     return choose_column_runs(rng, possible, count, model.ghost_run)
 
 
@@ -218,7 +218,7 @@ def _stray_points(
 ) -> tuple[NDArray[np.intp], Array]:
     """Columns that stray, rising, and how far along their rays; one distance for each run."""
     possible = np.flatnonzero(hits.seen)
-    count = draw_whole_number(model.strays * len(possible), rng)
+    count = round_randomly(model.strays * len(possible), rng)
     strays = choose_column_runs(rng, possible, count, model.stray_run)
     run = np.cumsum(np.diff(strays, prepend=-2) > 1) - 1
     runs = int(run[-1]) + 1 if len(run) else 0
@@ -267,6 +267,6 @@ def round_to_steps(values: Array, step: float) -> Array:
     return np.asarray(np.round(values / step) * step) if step > 0 else values
 
 
-def draw_whole_number(expected: float, rng: Generator) -> int:
+def round_randomly(expected: float, rng: Generator) -> int:
     """Whole number whose mean is `expected`."""
     return int(expected + rng.random())

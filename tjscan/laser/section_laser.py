@@ -18,7 +18,7 @@ from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, MM, NOT_IN_FILE, POINTS, SettingsTable
-from tjscan.laser.faults import choose_column_runs, draw_whole_number, round_to_steps
+from tjscan.laser.faults import choose_column_runs, round_randomly, round_to_steps
 from tjscan.laser.profile import Profile
 
 LASER_STAND_OFF: Final = 0.149
@@ -161,7 +161,7 @@ def simulate_section_profile(
         (model.arc, model.arc_run, model.arc_reach),
         (model.missing, model.missing_run, np.nan),
     ):
-        count = draw_whole_number(share * model.columns, rng)
+        count = round_randomly(share * model.columns, rng)
         hit = choose_column_runs(rng, everywhere, count, run)
         z[hit] += reach * rng.uniform(-1.0, 1.0, len(hit))
     x = z * model.ray_slopes

@@ -95,7 +95,7 @@ class Stage:
                 self.nodes[name] = [self._draw_mesh(path, vertices, triangles, colour, opacity)]
             case MeasuredPiece():
                 self._pieces[name] = thing
-                self.nodes[name] = self._draw_piece(path, thing)
+                self.nodes[name] = self._draw_measured_piece(path, thing)
 
     def _draw_arm(self, setting: SceneSetup) -> None:
         """Links as meshes; the tool is a child of the flange."""
@@ -161,7 +161,7 @@ class Stage:
             receive_shadow=False,
         )
 
-    def _draw_piece(self, path: str, piece: MeasuredPiece) -> list[Any]:
+    def _draw_measured_piece(self, path: str, piece: MeasuredPiece) -> list[Any]:
         """Points about their own middle: half the bits are enough for a hundredth of a mm there."""
         colour, nodes = self._piece_colour(piece), list[Any]()
         points = piece.points[np.isfinite(piece.points).all(axis=1)]

@@ -263,7 +263,7 @@ class BeadArranger:
     def _arrange_bead_counts(self, counts: tuple[int, ...]) -> Arrangement:
         template, area = self.template, self.template.area
         names = np.array(bead_kinds(counts, self.root))
-        shares = dict(zip(BEAD_KIND_NAMES, self._bead_shares(counts), strict=True))
+        shares = dict(zip(BEAD_KIND_NAMES, self._bead_share_by_kind(counts), strict=True))
         for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
             ends, ratios = np.array((area.min(), area.max())), self._deposit_to_area_ratios[name]
             expected = shares[name] * ends * ratios
@@ -336,7 +336,7 @@ class BeadArranger:
             )
         return min(max(share, lowest), highest)
 
-    def _bead_shares(self, counts: tuple[int, ...]) -> tuple[float, float, float]:
+    def _bead_share_by_kind(self, counts: tuple[int, ...]) -> tuple[float, float, float]:
         """Shares of a root, a fill and a cap bead: equal, unless their windows part them.
 
         A kind without a bead has the share of another.

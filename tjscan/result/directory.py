@@ -42,11 +42,11 @@ def job_label_of_run(*directories: Path) -> str:
         if (file := directory / JOB_FILE).is_file():
             content = file.read_bytes()
             head = Provenance.from_comment_lines(content.decode(errors="replace"), "#")
-            return job_name_and_hash(JOB_FILE, content) if head is None else head.job
+            return job_label(JOB_FILE, content) if head is None else head.job
     return ""
 
 
-def job_name_and_hash(name: str, content: bytes) -> str:
+def job_label(name: str, content: bytes) -> str:
     """Name of a job file, and the beginning of the SHA-256 of its content."""
     return f"{name}, SHA-256 {sha256(content).hexdigest()[:16]}"
 

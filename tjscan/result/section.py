@@ -296,7 +296,7 @@ MEASURE_FIELDS: Final = tuple(
 )
 """What a section measures, in the order of `MeasuredSection.measures`."""
 
-MEASURE_NAME_PAIRS: Final = tuple(combinations(MEASURE_MEANINGS, 2))
+NAMES_OF_MEASURE_PAIRS: Final = tuple(combinations(MEASURE_MEANINGS, 2))
 """Names of two measures each, in the order of `MEASURE_PAIRS`."""
 
 SIGMA_FIELDS: Final = tuple(
@@ -362,10 +362,10 @@ SECTION_FIELDS: Final = (
     *SIGMA_FIELDS,
     SectionQuantity(
         "correlations",
-        "of pairs of measures: " + ", ".join(f"{a} and {b}" for a, b in MEASURE_NAME_PAIRS),
+        "of pairs of measures: " + ", ".join(f"{a} and {b}" for a, b in NAMES_OF_MEASURE_PAIRS),
         NO_UNIT,
         _measure_correlations,
-        tuple(f"corr_{a}_{b}" for a, b in MEASURE_NAME_PAIRS),
+        tuple(f"corr_{a}_{b}" for a, b in NAMES_OF_MEASURE_PAIRS),
         (6,),
         5,
         bounds=(-1, 1),

@@ -174,8 +174,8 @@ class MotionLock:
     """Lock that lets one move run at a time, and none after a stop until that is cleared.
 
     A driver holds `hold_for_move` from the moment a move is ordered until it has ended, and
-    `begin_move` while it starts it. So a stop, given from any thread, finds one of two: the move
-    has not started, and never will; or it has, and `wait_for_stop` reports it.
+    `begin_move_unless_stopped` while it starts it. So a stop, given from any thread, finds one of
+    two: the move has not started, and never will; or it has, and `wait_for_stop` reports it.
     """
 
     def __init__(self) -> None:
@@ -201,7 +201,7 @@ class MotionLock:
             self._moving.release()
 
     @contextmanager
-    def begin_move(self) -> Iterator[None]:
+    def begin_move_unless_stopped(self) -> Iterator[None]:
         """Let the block set a move off unless the arm was stopped, see `check_not_stopped`."""
         with self._starting:
             self.check_not_stopped()

@@ -220,7 +220,7 @@ class SimulatedArm(LocalDevice):
         with self._latch.hold_for_move():
             q, start = self._now
             path = plan(q)
-            with self._latch.begin_move():
+            with self._latch.begin_move_unless_stopped():
                 passed = 0.0 if self.realtime else path.duration
             if self.realtime:
                 passed = self._move_in_real_time(path, start)

@@ -79,7 +79,7 @@ class ChainFile(StrictFileModel):
         return self.model_copy(update={"both": self.both | keys})
 
 
-def read_chain(file: Path) -> ChainFile:
+def read_chain_file(file: Path) -> ChainFile:
     """Read a chain's file: its jobs as paths from here, its keys dotted.
 
     Raises
@@ -226,19 +226,19 @@ def mount_error_in_words(outcome: ChainOutcome) -> str:
     return f"{position:.3f} mm, {turn:.3f}°"
 
 
-def _simulation_keys(table: str, *keys: str) -> tuple[str, ...]:
+def _dotted_simulation_keys(table: str, *keys: str) -> tuple[str, ...]:
     return tuple(f"simulation.{table}.{key}" for key in keys)
 
 
 KEYS_OF_ERROR_SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
-    "arm: zeros, lengths, twists": _simulation_keys(
+    "arm: zeros, lengths, twists": _dotted_simulation_keys(
         "arm.errors", "offset_deg", "length_mm", "twist_deg"
     ),
-    "arm: gears": _simulation_keys("arm.errors", "eccentricity_deg", "backlash_deg"),
-    "arm: warmth": _simulation_keys("arm.errors", "growth"),
-    "arm: repeatability": _simulation_keys("arm", "repeatability_mm", "repeatability_deg"),
-    "laser: scale, tilt, lens": _simulation_keys("laser", "linearity_mm"),
-    "laser: noise, bias, outliers": _simulation_keys(
+    "arm: gears": _dotted_simulation_keys("arm.errors", "eccentricity_deg", "backlash_deg"),
+    "arm: warmth": _dotted_simulation_keys("arm.errors", "growth"),
+    "arm: repeatability": _dotted_simulation_keys("arm", "repeatability_mm", "repeatability_deg"),
+    "laser: scale, tilt, lens": _dotted_simulation_keys("laser", "linearity_mm"),
+    "laser: noise, bias, outliers": _dotted_simulation_keys(
         "laser", "noise_mm", "bias_mm", "ghosts", "flyers", "missing"
     ),
 }

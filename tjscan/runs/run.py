@@ -42,8 +42,8 @@ from tjscan.result.directory import (
     JOB_FILE,
     JOINT_FILE,
     URDF_FILE,
+    job_label,
     job_label_of_run,
-    job_name_and_hash,
 )
 
 RUN_INPUT_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
@@ -344,7 +344,7 @@ def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
     """
     copied = job_label_of_run(job_file.parent) if job_file.name == JOB_FILE else ""
     first_name = copied.rpartition(", SHA-256 ")[0] or job_file.name
-    name = job_name_and_hash(first_name, text.encode())
+    name = job_label(first_name, text.encode())
     head = Provenance.for_file_written_now(name, frame).comment_lines("#")
     (draft / JOB_FILE).write_text(head + text, encoding="utf-8")
 

@@ -129,7 +129,7 @@ BEAD_HEIGHT_ALLOWANCE: Final = 0.8e-3
 SAME_SECTION_DISTANCE: Final = 0.5e-3
 """Metres by which the corners differ that are read in two views of the same section."""
 
-DISTANCE_PER_SQUARED_TURN: Final = 0.08
+SAME_SECTION_DISTANCE_PER_SQUARED_TURN: Final = 0.08
 """Metres by which they differ more, per squared radian between the views.
 
 A turned laser plane meets the edges elsewhere, and the edges are not quite parallel to the step:
@@ -371,7 +371,7 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
     apart = (found.points_b - step.predicted.points_b)[1:4]  # the ends are not corners
     aside = np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1)
     turn = rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s)
-    same = SAME_SECTION_DISTANCE + DISTANCE_PER_SQUARED_TURN * turn**2
+    same = SAME_SECTION_DISTANCE + SAME_SECTION_DISTANCE_PER_SQUARED_TURN * turn**2
     allowed = np.maximum(same, largest_chance_differences(found.groove, step.predicted.groove))
     if (aside > allowed).any():
         k = int((aside - allowed).argmax())

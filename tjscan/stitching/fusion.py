@@ -117,7 +117,7 @@ def fuse_sections(
         What sections are unrolled about when they are carried to their common place.
     """
     unrolled = [[UnrolledSection(section, shape) for section in sections] for sections in stations]
-    curves = _fit_curves([one for sections in unrolled for one in sections])
+    curves = _fit_section_changes([one for sections in unrolled for one in sections])
     azimuths = [np.unwrap([section.azimuth for section in sections]) for sections in stations]
     steps = np.concatenate([np.abs(np.diff(azimuth)) for azimuth in azimuths])
     near = SAME_PLACE_STEP_SHARE * float(np.median(steps))
@@ -165,7 +165,7 @@ def _group_sections_by_place(places: Sequence[Place], near: float) -> list[list[
     return list(groups.values())
 
 
-def _fit_curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
+def _fit_section_changes(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
     """How out and up of p2, p3 and p4, and the four measures, change along the groove."""
     curves = []
     covariances = np.array([one.section.covariances for one in unrolled])

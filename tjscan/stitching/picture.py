@@ -23,7 +23,7 @@ def draw_stitching(draft: StitchingDraft) -> Figure:
     """Draw stations and overlaps about the brace, and the residuals of each overlap."""
     figure = Figure(figsize=(13, 6.5), layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.3))
-    _draw_arcs(figure.add_subplot(grid[0], projection="polar"), draft)
+    _plot_station_arcs(figure.add_subplot(grid[0], projection="polar"), draft)
     if not draft.registrations:
         beside = figure.add_subplot(grid[1])
         lines = [draft.describe_overlap(overlap) for overlap in draft.overlaps]
@@ -41,7 +41,7 @@ def _station_colour(station: int) -> str:
     return STATION_COLOURS[station % len(STATION_COLOURS)]
 
 
-def _draw_arcs(axes: Any, draft: StitchingDraft) -> None:
+def _plot_station_arcs(axes: Any, draft: StitchingDraft) -> None:
     for overlap in draft.overlaps:
         arc = overlap.arc
         middle, width = arc.start + 0.5 * arc.span_angle, arc.span_angle

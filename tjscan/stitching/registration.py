@@ -22,7 +22,7 @@ from tjscan.core.frames import Array, Mask, array_dataclass, skew_matrix, unit_v
 from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
 from tjscan.stitching.stations import StationOverlap, arc_of_azimuths
-from tjscan.stitching.unrolled_views import CORNER_VALUE_COUNT, VALUES_PER_VIEW, UnrolledViews
+from tjscan.stitching.unrolled_views import CORNER_VALUES_PER_VIEW, VALUES_PER_VIEW, UnrolledViews
 
 SECTION_SHAPE_AZIMUTH: Final = radians(30.0)
 """Azimuth over which the section of a groove changes its shape."""
@@ -192,7 +192,7 @@ def align_second_to_first(
         *_overlap_middle(overlap, first),
         reduced_chi2,
         azimuth[:, 2],
-        residual[:, :CORNER_VALUE_COUNT],
+        residual[:, :CORNER_VALUES_PER_VIEW],
         of_second,
         counted,
         views.number.astype(np.intp),

@@ -167,7 +167,7 @@ VALUES_PER_VIEW: Final = 10
 TILT_LEVER: Final = 0.02
 """Metres along a wall over which its tilt is given as an offset."""
 
-CORNER_VALUE_COUNT: Final = 6
+CORNER_VALUES_PER_VIEW: Final = 6
 """The first values are of p2, p3 and p4."""
 
 WIDEST_LEG_SHARE: Final = 0.999
@@ -333,7 +333,7 @@ def _unroll_points(
         return np.asarray((of[1:4] - of[4:]).T / (2 * step))  # (k, 3)
 
     value = by_off @ off[0] + by_height @ height[0]
-    value[0:CORNER_VALUE_COUNT:2] += shape.brace_radius  # counted from the axis
+    value[0:CORNER_VALUES_PER_VIEW:2] += shape.brace_radius  # counted from the axis
     by_points = by_off[..., None] * gradient(off) + by_height[..., None] * gradient(height)
     azimuth_by_points = by_phi[..., None] * gradient(phi)
     return by_phi @ phi[0], value, azimuth_by_points, by_points, (walls[0], walls[1])

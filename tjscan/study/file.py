@@ -47,7 +47,7 @@ class StudyFile(StrictFileModel):
         """Dotted keys and values that are the same in every run."""
         return flatten_to_dotted_keys(self.fixed)
 
-    def varied_axes(self, backend_of: BackendOfTask) -> list[list[dict[str, Any]]]:
+    def settings_by_axis(self, backend_of: BackendOfTask) -> list[list[dict[str, Any]]]:
         """Lists of the settings that are varied; a study runs their product.
 
         Each list holds the settings of one axis, a setting being dotted keys and their values.
@@ -77,7 +77,7 @@ class StudyFile(StrictFileModel):
 
 
 def read_study_file(file: Path, backend_of: BackendOfTask) -> StudyFile:
-    """Read a study file; for `backend_of` see `StudyFile.varied_axes`.
+    """Read a study file; for `backend_of` see `StudyFile.settings_by_axis`.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def read_study_file(file: Path, backend_of: BackendOfTask) -> StudyFile:
     """
     study = validate_table(StudyFile, read_toml(file), file)
     with add_file_to_errors(file):
-        study.varied_axes(backend_of)
+        study.settings_by_axis(backend_of)
     return study
 
 
@@ -127,7 +127,7 @@ def trials_of_study(
     ConfigurationError
         For the first run that can't be, naming the key.
     """
-    kind, axes = backend_of(study.task), study.varied_axes(backend_of)
+    kind, axes = backend_of(study.task), study.settings_by_axis(backend_of)
     names = (study.job,) if isinstance(study.job, str) else study.job
     jobs = [study_file.parent / name for name in names]
     count = len(jobs) * prod(map(len, axes))

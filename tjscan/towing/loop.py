@@ -56,7 +56,7 @@ speed it is some 20 mm behind."""
 BACK_ON_PLAN_SHARE: Final = 0.5
 """Share of that from which on the welder goes on after it waited."""
 
-SPARE_TO_GO_ON: Final = 0.01
+SPARE_CLEARANCE: Final = 0.01
 """Metres by which an obstacle must be farther than the clearance before a welder that waited for it
 goes on: more than the noise with which it is seen."""
 
@@ -394,7 +394,7 @@ class CableTow:
         welder = estimate.estimates[-1]
         nearest, name = setting.seam.nearest_obstacle(welder.pose, self._along, obstacles)
         gap = nearest - setting.team.body_radius - 2 * welder.position_sigma
-        self._blocked = gap < setting.clearance + (SPARE_TO_GO_ON if self._blocked else 0.0)
+        self._blocked = gap < setting.clearance + (SPARE_CLEARANCE if self._blocked else 0.0)
         if not self._blocked:
             return None
         return WaitingReason(

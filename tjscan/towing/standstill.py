@@ -26,10 +26,10 @@ SHORTEST_JUDGED_WINDOW: Final = 3.0
 LONGEST_JUDGED_WINDOW: Final = 30.0
 """The same at most, when much of it is needed to distinguish a standstill from noise."""
 
-LEAST_COMMANDED_WAY: Final = 0.02
+LEAST_WAY_TO_JUDGE_STANDSTILL: Final = 0.02
 """Metres that a vehicle must have been commanded to go before its standstill means anything."""
 
-AT_TARGET: Final = 5e-3
+AT_TARGET_DISTANCE: Final = 5e-3
 """Metres within which a vehicle is where it was sent."""
 
 LEAST_DRIVEN_SHARE: Final = 0.6
@@ -281,7 +281,7 @@ class StandstillCheck:
         ) ** 2 / 2 >= EXPECTED_EVIDENCE_RATIO * DECIDING_EVIDENCE
         return (
             end.time - begin.time >= SHORTEST_JUDGED_WINDOW
-            and asked > LEAST_COMMANDED_WAY
+            and asked > LEAST_WAY_TO_JUDGE_STANDSTILL
             and expected
         )
 
@@ -356,7 +356,7 @@ class StandstillWatch:
                 driven = rim * velocity_from_twist(state.odometry, poses[v, 2])
             off, check = self._runaways[v].update(now, told, driven, period), self._checks[v]
             way = told[:2]
-            if targets is not None and hypot(*(poses[v] - targets[v])[:2]) < AT_TARGET:
+            if targets is not None and hypot(*(poses[v] - targets[v])[:2]) < AT_TARGET_DISTANCE:
                 way = np.zeros(2)
             moved = describe_unexplained_way(estimate.estimates[v])[0] == "moved"
             if moved:  # what else moves it shows nothing of its drives

@@ -17,7 +17,7 @@ from tjscan.core.frames import Array
 from tjscan.core.units import DEG, MM, PERCENT_UNIT, SECONDS, SettingsTable
 from tjscan.vehicle.localisation import VehiclePose
 
-FAULT_NOISE: Final = np.array((3e-3, 3e-3, radians(1.0)))
+NOISE_FAULT_SIGMAS: Final = np.array((3e-3, 3e-3, radians(1.0)))
 """Standard deviation that the fault `PoseFault.NOISE` adds, metres and radians."""
 
 FAULT_JUMP: Final = np.array((0.5, 0.0, 0.0))
@@ -105,7 +105,7 @@ class DisturbedPoses:
         for vehicle in range(len(poses)):
             at = poses[self._vehicle_seen_as(vehicle, len(poses))] + scatter * noise[vehicle]
             if self._has_fault(PoseFault.NOISE, vehicle):
-                at = at + FAULT_NOISE * more[vehicle]
+                at = at + NOISE_FAULT_SIGMAS * more[vehicle]
             if self._has_fault(PoseFault.JUMP, vehicle):
                 at = at + FAULT_JUMP
             if self._has_fault(PoseFault.NAN, vehicle):

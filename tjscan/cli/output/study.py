@@ -67,7 +67,7 @@ def print_error_sources(rows: Sequence[ErrorSourceRow], *, json: bool) -> None:
         print(dumps([_chain_outcome_to_dict(row) for row in rows], indent=2))
 
 
-def chain_outcome_line(row: ErrorSourceRow) -> str:
+def error_source_line(row: ErrorSourceRow) -> str:
     """What one source leaves, in a line, as soon as it is known."""
     if row.outcome is None:
         return "  refused"

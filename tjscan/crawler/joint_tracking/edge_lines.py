@@ -161,7 +161,7 @@ def line_through(first: Array, second: Array) -> Array:
     return np.array(((x - u) / c, (w - z) / c))
 
 
-def fit_edge_lines(
+def fit_joint_lines(
     t: Array, z: Array, start: EdgeLines, bevel_angles: Array | None = None
 ) -> EdgeLines | None:
     """Fit the four lines to a profile from where they were before.
@@ -184,7 +184,7 @@ def fit_edge_lines(
     certain = z**4 / start.noise**2
     rows = certain, certain * t, certain * t * t, certain / z, certain * t / z, np.ones_like(t)
     moments = np.stack(rows)
-    prior = _angle_prior(start, bevel_angles)
+    prior = _bevel_angle_prior(start, bevel_angles)
     found = start
     for k in range(len(CAPTURE_SIGMAS) + MOST_FIT_ROUNDS):
         sigma = max(CAPTURE_SIGMAS[k], start.noise) if k < len(CAPTURE_SIGMAS) else start.noise
@@ -258,7 +258,7 @@ def _probabilities_on_lines(
     return found
 
 
-def _angle_prior(start: EdgeLines, bevel_angles: Array | None) -> Array:
+def _bevel_angle_prior(start: EdgeLines, bevel_angles: Array | None) -> Array:
     """What is known of the bevels' angles, as normal matrices of the lines, shape (4, 2, 2)."""
     found = np.zeros((4, 2, 2))
     if bevel_angles is not None:

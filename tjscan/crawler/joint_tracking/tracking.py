@@ -203,7 +203,7 @@ class JointTracker:
     ) -> ButtJointReading:
         last = self._reading if known else None
         angles = None if last is None else self._angles - last.roll
-        lines = edge_lines.fit_edge_lines(row.t, row.z, replace(start, noise=self._noise), angles)
+        lines = edge_lines.fit_joint_lines(row.t, row.z, replace(start, noise=self._noise), angles)
         if lines is None:
             raise row.ambiguity("the lines of the last profile are gone")
         edges = lines.points

@@ -55,7 +55,7 @@ def make_shape_planner(job: TowJob) -> ShapePlanner:
     accuracy = PoseAccuracy(known.position_sigma, known.heading_sigma)
     settings = PlannerSettings(job.weights, job.targets, job.hard_limits, accuracy)
     kind = PaperPlanner if job.method == "paper" else TowingPlanner
-    return kind(job.planned_chain, job.team, job.floor, settings)
+    return kind(job.cable_with_bend_reserve, job.team, job.floor, settings)
 
 
 class ConnectedTeam(Team, AbstractContextManager["ConnectedTeam"], Protocol):

@@ -186,7 +186,7 @@ class TowJob(StrictFileModel):
         return TowingTeam(self.held_links, self.vehicles.radius, self.vehicles.speed)
 
     @property
-    def planned_chain(self) -> Cable:
+    def cable_with_bend_reserve(self) -> Cable:
         """The cable as it is planned: bent less than allowed, since it follows a plan roughly."""
         chain = self.chain
         return replace(chain, least_bend_radius=BEND_RADIUS_RESERVE * chain.least_bend_radius)

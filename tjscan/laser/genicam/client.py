@@ -21,7 +21,7 @@ import viva_genicam
 
 from tjscan.core import errors
 from tjscan.core.devices import DeviceIdentity
-from tjscan.core.process import ClientRequest
+from tjscan.core.process import ClientMethodCall
 from tjscan.core.signals import ignore_ctrl_c
 from tjscan.laser.genicam import messages
 from tjscan.laser.genicam.settings import FeatureValue, GenicamSettings, ScanControlSettings
@@ -334,7 +334,7 @@ def main() -> None:
     client, connection = GenicamClient(), Connection(int(sys.argv[1]))
     with suppress(EOFError, OSError):  # the main process is gone
         while True:
-            request: ClientRequest = connection.recv()
+            request: ClientMethodCall = connection.recv()
             connection.send(request.run_on_client(client, client.explain_error))
     client.close()
     os._exit(0)  # without waiting for the library's threads

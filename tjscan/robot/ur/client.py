@@ -16,7 +16,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
-from tjscan.core.process import ClientAnswer, ClientRequest
+from tjscan.core.process import ClientAnswer, ClientMethodCall
 from tjscan.core.signals import ignore_ctrl_c
 from tjscan.robot.ur.messages import NOT_SUPERVISED, WATCHDOG_PERIOD, ControllerState, SixNumbers
 
@@ -231,7 +231,7 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
             if not connection.poll(WATCHDOG_FEED_INTERVAL):
                 client.feed_watchdog()
                 continue
-            request: ClientRequest = connection.recv()
+            request: ClientMethodCall = connection.recv()
         except (EOFError, OSError):
             client.stop_arm_and_script()
             return

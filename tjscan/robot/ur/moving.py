@@ -160,7 +160,7 @@ def execute_move(session: ControllerSession, command: MoveCommand, T_b_f: Array)
     session.ensure_dashboard_answers()
     before = session.read_state()
     try:
-        with session.latch.begin_move():
+        with session.latch.begin_move_unless_stopped():
             begun = session.call_client_method(bool, *command)
         if not begun:
             session.read_state()
@@ -292,7 +292,7 @@ def run_program(
     session.ensure_dashboard_answers()
     session.read_state()
     try:
-        with session.latch.begin_move():
+        with session.latch.begin_move_unless_stopped():
             session.call_client_method(NoneType, "stop_control_script")
             _await_program_state(session, runs=False)
             head, _, rest = program.script.partition("\n")

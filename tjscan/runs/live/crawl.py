@@ -32,7 +32,7 @@ from tjscan.vehicle.vehicle import AT_REST, Twist
 TORCH_DEVIATION_MEASURE: Final = live_step.Measure("torch beside its path", "mm")
 VEHICLE_OFFSET_MEASURE: Final = live_step.Measure("vehicle beside the joint", "mm")
 TORCH_SIGMA_MEASURE: Final = live_step.Measure("torch known to", "mm")
-LARGEST_TORQUE_MEASURE: Final = live_step.Measure("largest torque", "N m")
+TORQUE_MEASURE: Final = live_step.Measure("largest torque", "N m")
 
 DRAWN_CRAWLER_HEIGHT: Final = 0.12
 """Metres, of the drawn body."""
@@ -107,7 +107,7 @@ class CrawlShow:
                 TORCH_DEVIATION_MEASURE,
                 VEHICLE_OFFSET_MEASURE,
                 TORCH_SIGMA_MEASURE,
-                LARGEST_TORQUE_MEASURE,
+                TORQUE_MEASURE,
             ),
             "along the joint / mm",
             see_through=("vehicle",),
@@ -130,7 +130,7 @@ class CrawlShow:
             TORCH_SIGMA_MEASURE.name: 1e3 * torch.sigma,
         }
         if state.torques:
-            values[LARGEST_TORQUE_MEASURE.name] = max(map(abs, state.torques))
+            values[TORQUE_MEASURE.name] = max(map(abs, state.torques))
         drawn: dict[str, Drawable] = {
             "vehicle": BodyPose(pose(rot_z(-torch.heading), (cycle.travel, -torch.offset, 0.0))),
             "torch": BodyPose(pose(p=torch_place)),

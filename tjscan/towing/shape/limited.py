@@ -41,7 +41,7 @@ from tjscan.towing.shape.problem import (
     pull_gradient_after_step,
 )
 
-LIMIT_BAND_WIDTH: Final = 0.05
+LIMIT_INCLUSION_MARGIN: Final = 0.05
 """Metres of margin below which a limit is in the program: some steps of a slow vehicle."""
 
 LONGEST_JOINT_TURN: Final = 0.2
@@ -285,9 +285,9 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
     n, bound = len(start), limits.problem.cable.joint_limit - SPARE_MARGIN
     arrays, has_pull = limits.problem.arrays, limits.problem.pull is not None
     now, after = _ShapeIterate(limits), _ShapeIterate(limits)
-    now.move_to(np.clip(start, -bound, bound), LIMIT_BAND_WIDTH)
+    now.move_to(np.clip(start, -bound, bound), LIMIT_INCLUSION_MARGIN)
     y, z = np.zeros(len(now.state.constraint)), np.zeros(0)
-    fix, shift, band, iteration = 1.0, 0.0, LIMIT_BAND_WIDTH, 0
+    fix, shift, band, iteration = 1.0, 0.0, LIMIT_INCLUSION_MARGIN, 0
     program = _QuadraticProgram(np.empty(n), np.empty((n, 6)), np.zeros(2))
     plain, plain_program = tuple(arrays), tuple(program)
     while iteration < most:
@@ -320,7 +320,7 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
             else:
                 correction, share = np.zeros(n), 0.5 * share
         else:
-            if len(z) == 0 or band > LIMIT_BAND_WIDTH:
+            if len(z) == 0 or band > LIMIT_INCLUSION_MARGIN:
                 break
             band *= 3.0  # a limit out of the program may be in the way
             now.move_to(now.angles.copy(), band)

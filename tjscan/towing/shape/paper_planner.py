@@ -20,7 +20,7 @@ from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import estimate_shape
 from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PlanTerms, TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner
-from tjscan.towing.shape.problem import LOSS_CURVES
+from tjscan.towing.shape.problem import OBSTACLE_LOSS
 
 SLSQP_ITERATIONS: Final = 200
 """Of SLSQP; the paper names none."""
@@ -139,7 +139,7 @@ def minimise_with_slsqp(f: Scalar, constraint: Vector, start: Array) -> tuple[Ar
 def _rising_loss(f: Array, target: float) -> tuple[Array, Array]:
     """(9) from 0 to 1, and its derivative."""
     value, slope = np.zeros_like(f), np.zeros_like(f)
-    for share, steep in LOSS_CURVES:
+    for share, steep in OBSTACLE_LOSS:
         t, zero = np.tanh(steep / target * (f - target)), np.tanh(steep)
         value += share * (t + zero) / (1 + zero)
         slope += share * steep / target * (1 - t**2) / (1 + zero)
@@ -161,7 +161,7 @@ def _loss_of_nearest(points: Array, floor: Obstacles, target: float) -> tuple[Ar
     nearest = distance.argmin(axis=0), np.arange(len(points))
     d = distance[nearest]
     value, slope = np.zeros_like(d), np.zeros_like(d)
-    for share, steep in LOSS_CURVES:
+    for share, steep in OBSTACLE_LOSS:
         t = np.tanh(steep / target * (d - target))
         value += share * (1 - t) / 2
         slope -= share * steep / target * (1 - t**2) / 2

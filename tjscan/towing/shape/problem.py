@@ -44,10 +44,10 @@ PACE_TERM_INDEX: Final = 3
 NEGLIGIBLE_TARGET_DISTANCES: Final = 10.0
 """Target distances beyond which an obstacle's loss is below 1e-7 and left out."""
 
-LOSS_CURVES: Final = ((0.8, 4.0), (0.2, 1.0))
+OBSTACLE_LOSS: Final = ((0.8, 4.0), (0.2, 1.0))
 """Of the two curves; slopes over the target."""
 
-RISING_LOSS_CURVES: Final = tuple((share / (1 + tanh(b)), b, tanh(b)) for share, b in LOSS_CURVES)
+RISING_LOSS_CURVES: Final = tuple((share / (1 + tanh(b)), b, tanh(b)) for share, b in OBSTACLE_LOSS)
 """a_i, b_i times the target, and d_i of a rising loss."""
 
 
@@ -72,7 +72,7 @@ def one_minus_falling_loss(d: float, target: float) -> tuple[float, float, float
     ρ_d falls: a_i < 0 and d_i = -1, so that 1 - ρ_d is a sum of logistic curves.
     """
     value, first, second = 0.0, 0.0, 0.0
-    for share, slope in LOSS_CURVES:
+    for share, slope in OBSTACLE_LOSS:
         b = 2.0 * slope / target
         s = 1.0 / (1.0 + exp(min(-b * (d - target), 700.0)))
         steep = share * b * s * (1.0 - s)

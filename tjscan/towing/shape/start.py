@@ -38,7 +38,7 @@ TRIED_RADII: Final = 4
 MEANDER_LANE_WIDTHS_IN_RADII: Final = (2.2, 4.4)
 """Radii from one lane of a meander to the next: two would make half circles of its bends."""
 
-LEAST_RADIUS_FACTORS: Final = 1.05
+SMALLEST_TRIED_RADIUS_FACTOR: Final = 1.05
 """Times the least radius is the smallest: links are chords, and are yet to be fitted."""
 
 TRIED_OFFSETS: Final = 48
@@ -252,7 +252,7 @@ def _all_combinations(*values: ArrayLike) -> list[NDArray[Any]]:
 
 
 def _radii_to_try(least: float) -> Array:
-    return np.asarray(LEAST_RADIUS_FACTORS * least * 2.0 ** np.arange(TRIED_RADII))
+    return np.asarray(SMALLEST_TRIED_RADIUS_FACTOR * least * 2.0 ** np.arange(TRIED_RADII))
 
 
 def _paths_of_length(

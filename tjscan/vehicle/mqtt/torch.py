@@ -67,7 +67,7 @@ class MqttTorch(BrokerClient):
             If it reports a fault.
         """
         self._y, self._z = min(max(y, -self._reach), self._reach), z
-        self._send_place()
+        self._send_command()
         state = self._state
         if state is None or time.monotonic() - self._heard > self._settings.silence_limit:
             raise VehicleLinkLost(
@@ -81,9 +81,9 @@ class MqttTorch(BrokerClient):
     def set_arc(self, *, burning: bool) -> None:
         """Strike the arc, or end it."""
         self._arc = burning
-        self._send_place()
+        self._send_command()
 
-    def _send_place(self) -> None:
+    def _send_command(self) -> None:
         place = {"y": self._y, "z": self._z, "arc": self._arc, "hold": self._settings.dead_man}
         self._publish(wire.TORCH_TOPIC, wire.TorchMessage, time.monotonic(), **place)
 
