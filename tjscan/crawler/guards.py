@@ -192,6 +192,10 @@ class Guards:
                 f"{1e3 * shown:.1f} mm/s. Look at brakes, motors and encoders",
             )
 
+    def surely_in_view(self, estimated: OffsetEstimate) -> bool:
+        """Whether the joint is surely within the laser's line, seen or not."""
+        return estimated.surely_within(self._settings.field)
+
     def watch_joint(
         self,
         d: float | None,
@@ -223,28 +227,30 @@ class Guards:
             If the joint was not seen for too long, or leaves the laser's line.
         """
         settings = self._settings
-        if d is None and estimated is not None and estimated.surely_within(settings.field):
+        if d is None and estimated is not None and self.surely_in_view(estimated):
             return
         if d is None:
             way = abs(speed) * period
-            if filled:
+            if filled and way:
                 self._filled_travel += way
             else:
                 self._blind_travel += way
                 self._blind_time += period
-            if (
-                self._blind_travel > settings.blind_travel
-                or self._blind_time > settings.blind_time
-                or self._filled_travel > settings.filled_travel
-            ):
+            over = {
+                "blind_travel_mm": self._blind_travel > settings.blind_travel,
+                "blind_time_s": self._blind_time > settings.blind_time,
+                "filled_travel_mm": self._filled_travel > settings.filled_travel,
+            }
+            if any(over.values()):
                 unseen = self._blind_travel + self._filled_travel
                 blind = f"{1e3 * unseen:.0f} mm and {self._blind_time:.1f} s"
+                keys = " and ".join(f"guards.{key}" for key, is_over in over.items() if is_over)
                 raise CrawlStopped(
                     "joint lost",
                     f"the joint was not seen for {blind}. If it ends there, put plates on that "
                     "prolong it by what the laser is ahead of the torch, or make "
                     "alignment.length_mm, weld.run_up_mm or weld.length_m shorter; if something "
-                    "hides it, take that away, or allow more in guards.blind_travel_mm",
+                    f"hides it, take that away, or allow more in {keys}",
                 )
             return
         self._blind_travel = self._blind_time = self._filled_travel = 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CrawlCycle, is_by_hand
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import MOST_SIDEWAYS_SHARE
 from tjscan.laser.profile import Profile
@@ -35,6 +35,9 @@ five times the noise of one point of the paper's sensor."""
 MOST_UNEVENNESS_WHEN_FILLED, WIDEST_LIGHT = 2e-3, 6e-3
 """Metres off the hull, more than crown and high-low, by which a filled joint may be; and how far
 its level places may be from one another: the light of an arc is not as wide as a groove."""
+
+FARTHEST_NEIGHBOURS: Final = 2e-3
+"""Metres between neighbouring points of one surface, at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +155,7 @@ def section_histories(
     d = np.nan
     for cycle, profile in profiles:
         # A filled joint is not read: the vehicle is about as far aside as where it last was.
-        d = cycle.d if cycle.was_read else d
+        d = cycle.d if cycle.was_read or is_by_hand(cycle.phase, cycle.commanded) else d
         if not 0 <= cycle.travel + laser_to_torch <= length or np.isnan(d):
             continue
         welded = cycle.number - (cycle.phase is Phase.WELDING)
@@ -167,7 +170,11 @@ def shows_filled_joint(profile: Profile) -> bool:
     height = height_over_hull(profile, 0.0)
     if height is None:
         return False
-    level = PLACES_ACROSS[np.abs(height) < MOST_UNEVENNESS_WHEN_FILLED]
+    # Between points that are far apart nothing shows how high the steel is.
+    across = np.sort(profile.x_s[profile.valid])
+    behind = across.searchsorted(PLACES_ACROSS).clip(1, len(across) - 1)
+    seen = across[behind] - across[behind - 1] < FARTHEST_NEIGHBOURS
+    level = PLACES_ACROSS[seen & (np.abs(height) < MOST_UNEVENNESS_WHEN_FILLED)]
     ends = PLACES_ACROSS[[0, -1]]
     gaps = np.diff(np.concatenate((ends[:1], level, ends[1:])))
     return float(gaps.max()) < WIDEST_LIGHT

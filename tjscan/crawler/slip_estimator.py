@@ -349,11 +349,16 @@ class SlipEstimate:
         return sqrt(self.P[which, which])
 
     def at_new_start(self, uncertainty: SlipUncertainty) -> Self:
-        """What stays known if the vehicle is set down again: how it slips, not where it is."""
+        """What stays known if the vehicle is set down again: how it slips, not where it is.
+
+        Nor in which direction the joint runs there, nor how its chains lie on their sprockets.
+        """
+        new = type(self).before_any_reading(uncertainty)
+        place = [SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN]
+        place += range(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1)
         x, P = self.x.copy(), self.P.copy()
-        place = [SlipStateIndex.OFFSET, SlipStateIndex.HEADING]
         x[place], P[place, :], P[:, place] = 0.0, 0.0, 0.0
-        P[place, place] = uncertainty.offset**2, uncertainty.heading**2
+        P[place, place] = new.P[place, place]
         return type(self)(x, P)
 
     def with_unseen_travel(self, way: float, least_radius: float) -> Self:

@@ -136,7 +136,7 @@ TEE_TWO_FACETS: Final = GrooveModel(
     (
         _WALL_SIDE,
         SideModel("upper bevel", 3e-3, 80e-3),
-        # A shorter one not separable from a flank that light between the faces pulls in.
+        # A shorter one can't be separated from a flank that light between the faces pulls in.
         SideModel("lower bevel", 6e-3, 80e-3),
         _ROOT_FACE,
         _LEG_SIDE,

@@ -109,7 +109,8 @@ def dataclass_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
             **{
                 name: one.decode(content[name])
                 for name, one in codecs.items()
-                if name in content or name not in optional  # older programs did not write it
+                # Older programs did not write it.
+                if name in _checked_instance(content, dict) or name not in optional
             }
         ),
     )
@@ -237,7 +238,7 @@ class Topic(Generic[T]):
     encode : callable
         Bytes of a message.
     decode : callable
-        The message that bytes hold; raises one of `MESSAGE_ERRORS` if they hold none.
+        The message that bytes hold; raises what `read_messages` reports if they hold none.
     """
 
     name: str

@@ -229,7 +229,7 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     covariances = np.empty((3, 3, 3))
     covariances[:, *UPPER_TRIANGLE] = values["covariances"]
     covariances[:, *UPPER_TRIANGLE[::-1]] = covariances[:, *UPPER_TRIANGLE]
-    words = {name: str(values[name]).split(WORD_SEPARATOR) for name in ("conditions", "absent")}
+    words = {name: str(values[name]).split(WORD_SEPARATOR) for name in WORD_FIELDS}
     plain: dict[str, Any] = {
         **{name: float(values[name]) for name in SINGLE_NUMBER_FIELDS},
         **{name: str(values[name]) for name in ("station", "model")},

@@ -36,6 +36,8 @@ length_m = 0.02
 run_up_mm = 0
 [[pass]]
 speed_mm_s = 40
+[simulation]
+arc_points_percent = 0
 [simulation.vehicle]
 start_mm = [0.0, 1.0]
 """

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import Parameter
 
@@ -11,10 +14,6 @@ from tjscan.core.errors import ConfigurationError, explain_missing_package
 
 if TYPE_CHECKING:
     from tjscan.live.page import PageAddress
-import tomllib
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
 HIGHEST_PORT: Final = 65_535
 

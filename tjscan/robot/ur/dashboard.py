@@ -108,7 +108,7 @@ class DashboardClient:
         ArmFault
             If the controller does not confirm that, and a program runs on.
         ArmNotResponding
-            As `ask` does.
+            As `ask_dashboard` does.
         """
         answer = self.ask_dashboard("stop")
         # Whether a controller on which nothing runs confirms is not known: that it runs counts.
@@ -165,7 +165,7 @@ class UrIdentity(DeviceIdentity):
 def read_ur_identity(
     dashboard: DashboardClient, payload: float | None, kinematics: str = ""
 ) -> UrIdentity:
-    """Read the arm's identity from the dashboard; raises as `DashboardClient.ask` does."""
+    """Read the arm's identity from the dashboard; raises as its `ask_dashboard` does."""
     questions = ("get robot model", "get serial number", "PolyscopeVersion")
     model, serial, software = (_answer_if_understood(dashboard.ask_dashboard(q)) for q in questions)
     return UrIdentity(model, serial, software, payload, kinematics)

@@ -112,7 +112,8 @@ def _calibration_facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
             f"measured {ball.measured_radius_mm:.3f} ± {ball.sigma_radius_mm:.3f} mm, "
             + ("none stated" if stated is None else f"stated {stated:.3f} mm"),
         )
-    yield "poses read as", "; ".join(basis.poses_read_as)
+    if basis.poses_read_as:
+        yield "poses read as", "; ".join(basis.poses_read_as)
     used = [residual for residual in found.residuals if residual.used]
     rms = np.sqrt(np.mean(np.array([residual.offset_mm for residual in used]) ** 2))
     worst = max(used, key=lambda residual: abs(residual.offset_mm))

@@ -255,6 +255,8 @@ def _replan_cycle(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: Towi
     if plan.halt:
         still = np.zeros_like(cycle.asked)
         return replace(cycle, plan=plan, seconds=seconds, asked=still, pace=0.0, wait=plan.halt)
+    if plan.retreat:
+        cycle = replace(cycle, pace=0.0, wait=plan.retreat)
     ways = plan.held_poses - last.held_poses
     steps = np.column_stack((np.hypot(*ways[:, :2].T), ways[:, 2], np.zeros(len(ways))))
     return replace(cycle, plan=plan, seconds=seconds, asked=steps / PLAN_PERIOD)

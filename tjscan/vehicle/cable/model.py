@@ -89,7 +89,7 @@ class TowingDriveModel(SettingsTable):
     mass : float
         kg.
     body_height : float
-        Metres.
+        Of its body over the floor, metres.
     grip : float
         Friction of its wheels: the floor gives them no more than this share of its weight.
     top_speed, top_turn_rate : float
