@@ -354,8 +354,10 @@ class SlipEstimate:
         Nor in which direction the joint runs there, nor how its chains lie on their sprockets.
         """
         new = type(self).before_any_reading(uncertainty)
-        place = [SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN]
-        place += range(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1)
+        place: list[int] = [
+            *(SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN),
+            *range(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1),
+        ]
         x, P = self.x.copy(), self.P.copy()
         x[place], P[place, :], P[:, place] = 0.0, 0.0, 0.0
         P[place, place] = new.P[place, place]
