@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import hypot, nan, sqrt
+from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -328,7 +329,7 @@ class FittedProfile:
     @property
     def points_on_sides(self) -> NDArray[np.bool_]:
         """Points on their sides, shape (n,), with those left out of a fit for their neighbours."""
-        close = OUTLIER_SIGMAS * max(float(np.median(self.sigmas)), LEAST_NOISE)
+        close = OUTLIER_SIGMAS * max(median(self.sigmas.tolist()), LEAST_NOISE)
         return np.asarray(self.keep | (np.abs(self.residuals) < close))
 
 
