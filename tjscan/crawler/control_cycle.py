@@ -253,8 +253,19 @@ class ControlCycle:
         torch = method.torch
         torch_y = devices.torch.move(path - torch.offset, height, period)
         cycle = CrawlCycle(
-            *(self.phase, self.number, self.travel, state, twist, torch, torch_y, path, self.arc),
-            *(d, d_sigma, method.slip, profile),
+            self.phase,
+            self.number,
+            self.travel,
+            state,
+            twist,
+            torch,
+            torch_y,
+            path,
+            self.arc,
+            d,
+            d_sigma,
+            method.slip,
+            profile,
         )
         self.deviation = cycle.deviation
         self._journal.record(cycle)
