@@ -35,7 +35,8 @@ from tjscan.groove.settings import (
     GrooveSettings,
     TurnBounds,
 )
-from tjscan.groove.sides import FittedProfile, GrooveFit, OrderedProfilePoints, Polyline
+from tjscan.groove.sides import FittedProfile, GrooveFit, Polyline
+from tjscan.laser.profile import Profile
 
 FEWEST_POINTS_ON_SIDE: Final = 4
 """Fewest points on a side."""
@@ -78,12 +79,12 @@ STRAIGHT_UNDULATION: Final = 0.08e-3
 """A side that undulates by more, in metres, may be two."""
 
 
-def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveFit:
+def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
     """Find the likeliest fit that its points support, however uncertain its corners.
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     settings : GrooveSettings
 
     Raises
@@ -105,7 +106,7 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
 class _FitSearch:
     """What was tried already, and what came of it."""
 
-    def __init__(self, row: OrderedProfilePoints, settings: GrooveSettings) -> None:
+    def __init__(self, row: Profile, settings: GrooveSettings) -> None:
         self.found: list[GrooveFit] = []
         self.tolerance = settings.support_tolerance
         self._row, self._settings = row, settings
