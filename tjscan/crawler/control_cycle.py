@@ -271,8 +271,8 @@ class ControlCycle:
         self._journal.record(cycle)
         if self.arc:
             self._tracer.add(self.number, self.travel, torch_y - path)
-        in_view = self._guards.surely_in_view(method.laser)
-        filled = reading is None and in_view and shows_filled_joint(profile)
+        unread_in_view = reading is None and self._guards.surely_in_view(method.laser)
+        filled = unread_in_view and shows_filled_joint(profile)
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:

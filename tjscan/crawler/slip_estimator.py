@@ -19,7 +19,7 @@ import numpy as np
 from annotated_types import Gt, Le
 
 from tjscan.core.frames import Array, ArrayForm
-from tjscan.core.units import MM, MRAD, SECONDS, SettingsTable
+from tjscan.core.units import MM, MRAD, MRAD_S, SECONDS, SettingsTable
 from tjscan.crawler.state_smoother import StateSmoother
 
 
@@ -298,8 +298,8 @@ class SlipUncertainty(SettingsTable):
     turning_drift: Deviation = 0.05
     ripple: Deviation = 3e-3
     odometry_delay: Annotated[Deviation, SECONDS] = 0.05
-    gyro_bias: Annotated[Deviation, MRAD] = 2e-3
-    gyro: Annotated[Deviation, MRAD] = 2e-4
+    gyro_bias: Annotated[Deviation, MRAD_S] = 2e-3
+    gyro: Annotated[Deviation, MRAD_S] = 2e-4
     down: Annotated[Deviation, MRAD] = 1e-3
     rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
     yaw_efficiency_walk: Deviation = 0.01
