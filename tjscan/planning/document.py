@@ -41,8 +41,17 @@ MOST_TABLE_BYTES: Final = 200_000_000
 """A larger table of beads holds no plan."""
 
 FIELD_UNITS: Final = (
-    *(MM, MM2, DEG, MM_PER_MIN, M_PER_MIN, KJ_PER_MM),
-    *(FileUnit("mm3", 1e-9), FileUnit("l", 1e-3), FileUnit("m"), FileUnit("kg"), FileUnit("s")),
+    MM,
+    MM2,
+    DEG,
+    MM_PER_MIN,
+    M_PER_MIN,
+    KJ_PER_MM,
+    FileUnit("mm3", 1e-9),
+    FileUnit("l", 1e-3),
+    FileUnit("m"),
+    FileUnit("kg"),
+    FileUnit("s"),
 )
 """Units that the names of fields end with."""
 
@@ -262,7 +271,10 @@ def plan_document(
     """
     return _fill_entry(
         PlanDocument,
-        *(plan, plan.edges, plan.wps.torch, plan.wps.sequence),
+        plan,
+        plan.edges,
+        plan.wps.torch,
+        plan.wps.sequence,
         run=run,
         wps=wps,
         provenance=provenance,
