@@ -139,7 +139,7 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     return PointRuns(first, count, jumped[:-1] | jumped[1:])
 
 
-def with_other_readings(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
+def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
     """The likeliest reading with how far others are from it, and which sides may be no surface.
 
     Parameters

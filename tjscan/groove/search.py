@@ -27,7 +27,7 @@ from tjscan.groove.chains import (
 )
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
-from tjscan.groove.reflections import find_runs, with_other_readings
+from tjscan.groove.reflections import find_runs, with_doubt_from_others
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
     LEAST_SIDES,
@@ -100,7 +100,7 @@ def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
     best = min(search.supported_fits, key=lambda fit: fit.cost, default=likeliest)
     if best.objection or best.cost > likeliest.cost + REFUSED_COST_MARGIN:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
-    return with_other_readings(best, [fit for fit in search.supported_fits if fit is not best])
+    return with_doubt_from_others(best, [fit for fit in search.supported_fits if fit is not best])
 
 
 class _FitSearch:

@@ -58,7 +58,7 @@ FIELD_UNITS: Final = (
 Entry = TypeVar("Entry", bound=StrictFileModel)
 
 
-class ZoneEntry(StrictFileModel):
+class BeadCountZoneEntry(StrictFileModel):
     """A length of groove with one number of beads."""
 
     begin_mm: float
@@ -233,7 +233,7 @@ class PlanDocument(StrictFileModel):
     stick_out_mm: float
     overlap_mm: float
     interpass_temperature_C: float  # noqa: N815
-    zones: List[ZoneEntry]
+    zones: List[BeadCountZoneEntry]
     beads: List[BeadEntry]
     details: List[DetailEntry]
     out_of_wps: List[FindingEntry]
@@ -286,7 +286,7 @@ def plan_document(
         gas_l=_file_value("gas_l", plan.gas_volume),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
-            _fill_entry(ZoneEntry, one, beads_in_layers=one.arrangement.counts)
+            _fill_entry(BeadCountZoneEntry, one, beads_in_layers=one.arrangement.counts)
             for one in plan.zones
         ),
         beads=tuple(
