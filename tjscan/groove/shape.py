@@ -33,9 +33,9 @@ from tjscan.groove.sides import (
     SCALING_LENGTH_POWERS,
     FittedProfile,
     GrooveFit,
-    OrderedProfilePoints,
     end_of_support,
 )
+from tjscan.laser.profile import Profile
 
 CORNER_NEIGHBOURHOOD: Final = 1.5e-3
 """Points this near a corner, in metres along their side, belong to its neighbourhood."""
@@ -81,7 +81,7 @@ _MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over a mean'
 
 
 def estimate_shape_errors(
-    row: OrderedProfilePoints, fitted: FittedProfile, model: tuple[SideModel, ...]
+    row: Profile, fitted: FittedProfile, model: tuple[SideModel, ...]
 ) -> tuple[Array, Array]:
     """Estimate what the sides' shapes add to the errors of their corners.
 
@@ -91,7 +91,7 @@ def estimate_shape_errors(
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     fitted : FittedProfile
         k sides, whose noise is known.
     model : tuple of SideModel
