@@ -1,5 +1,7 @@
 """A groove with weld in it: what is left of it is read, not what lies under the weld."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from grooves import MM, Groove, Noise, arc, draw, seen, turned
@@ -78,6 +80,25 @@ def test_valleys_between_beads_are_no_corners(beads: int) -> None:
         toes = section.points_s[2:4, [0, 2]] - np.array((sides[2][0], sides[2][-1]))
         sigmas = np.sqrt(np.trace(section.corner_covariances_s[1:], axis1=1, axis2=2))
         assert (np.linalg.norm(toes, axis=1) < 4 * sigmas).all()
+
+
+def test_one_bead_of_three_is_no_tack() -> None:
+    """The other two are steel that no root face leaves unexplained."""
+    sides = filled(GROOVE, 0.4, 0.2, 3)
+    for seed in range(3):
+        section = read_groove(seen(sides, NOISE, seed))
+        assert WELD_IN_GROOVE in section.conditions
+        assert section.area == pytest.approx(area_left(GROOVE, sides), rel=0.01)
+
+
+@pytest.mark.parametrize("bevel", [10 * MM, 14 * MM])
+def test_a_shallow_rest_over_a_narrow_weld_is_read(bevel: float) -> None:
+    """A narrow weld looks like a root's face: it need not be named to be welded over."""
+    groove = replace(GROOVE, bevel=bevel)
+    sides = filled(groove, 0.5)
+    section = read_groove(seen(sides, NOISE))
+    assert section.depth < 3 * MM
+    assert section.area == pytest.approx(area_left(groove, sides), rel=0.02)
 
 
 @pytest.mark.parametrize("bow", [-0.06, 0.0, 0.12])

@@ -11,7 +11,7 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.prior import GroovePrior
-from tjscan.groove.root import WELD_IN_GROOVE, read_root
+from tjscan.groove.root import ROOT_NOT_SEEN, read_root
 from tjscan.groove.search import find_best_fit
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import (
@@ -25,8 +25,9 @@ from tjscan.groove.sides import GrooveFit
 from tjscan.groove.steel import fit_bare_steel
 from tjscan.laser.profile import Profile
 
-LEAST_DEPTH, LEAST_DEPTH_OVER_WELD = 4e-3, 1.5e-3
-"""Depth of the shallowest groove that is read, and of what is left over a weld, in metres."""
+LEAST_DEPTH, LEAST_DEPTH_OVER_FACE = 4e-3, 1.5e-3
+"""Depth of the shallowest groove that is read, and of one with a face of its root or of a weld, in
+metres: where a groove is welded up, its cap and the leg look like a shallow one without a face."""
 
 FARTHEST_POINT_RATIO: Final = 4.0
 """Points farther from the sensor than this many times the median depth are none."""
@@ -169,7 +170,7 @@ def _check_corner_uncertainty(row: Profile, variance: float, settings: GrooveSet
 
 def _check_shape(section: GrooveSection, points: Array) -> None:
     """Refuse a section whose opening or depth is no groove's to be welded."""
-    least = LEAST_DEPTH_OVER_WELD if WELD_IN_GROOVE in section.conditions else LEAST_DEPTH
+    least = LEAST_DEPTH if ROOT_NOT_SEEN in section.conditions else LEAST_DEPTH_OVER_FACE
     if section.depth < least or section.area <= 0:
         raise GrooveNotFound(
             "no bevel",

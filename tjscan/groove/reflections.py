@@ -139,6 +139,17 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     return PointRuns(first, count, jumped[:-1] | jumped[1:])
 
 
+def stretches_of_steel(runs: PointRuns, off: NDArray[np.bool_]) -> tuple[Index, Index]:
+    """First points, and those after the last ones, of stretches off a surface that join it.
+
+    They go over without a jump into the points before and after them, so they are no reflections.
+    """
+    first, stop = stretches_of_true_values(off)
+    whole = runs.first.searchsorted(first) == runs.first.searchsorted(stop, side="right")
+    whole &= stop < len(off)
+    return first[whole], stop[whole]
+
+
 def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
     """The likeliest reading with how far others are from it, and which sides may be no surface.
 
@@ -321,11 +332,8 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
-    starts = find_runs(fit.row.points, fit.row.columns).first
-    first, stop = stretches_of_true_values(~fitted.points_on_sides)
-    whole = starts.searchsorted(first) == starts.searchsorted(stop, side="right")
-    whole &= stop < len(fitted.keep)
-    for a, b in zip(first[whole].tolist(), stop[whole].tolist(), strict=True):
+    runs = find_runs(fit.row.points, fit.row.columns)
+    for a, b in zip(*stretches_of_steel(runs, ~fitted.points_on_sides), strict=True):
         if np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         for i, corner in enumerate(fitted.corners):

@@ -26,7 +26,7 @@ from tjscan.groove.chains import (
 )
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
-from tjscan.groove.reflections import find_runs, with_doubt_from_others
+from tjscan.groove.reflections import find_runs, stretches_of_steel, with_doubt_from_others
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
     LEAST_SIDES,
@@ -71,6 +71,17 @@ FEWEST_AT_CORNER: Final = 2
 UNREACHED_CORNER_COST: Final = 4.0
 """What a side whose points end before its corner costs, in outliers: reflections often do."""
 
+FEWEST_STEEL_POINTS, UNEXPLAINED_STEEL_COST = 15, 1.0
+"""What each point costs more, in outliers, in a stretch of so many at least that lies off the sides
+and goes over into them without a jump: it is steel, and no spatter either, which is smaller."""
+
+MOST_OF_OUTLIERS: Final = 0.5
+"""Share of the points off the sides from which steel is what they are."""
+
+WELD_COST_MARGIN: Final = 20.0
+"""By how many outliers a chain with a weld may be dearer than the cheapest and still be refined:
+one bead of several may look like the face of a root, if the steel of the others is not charged."""
+
 LEAST_SEEN_SHARE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
@@ -96,10 +107,11 @@ def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
     if not search.found:
         raise search.explain_missing_groove()
     likeliest = min(search.found, key=lambda fit: fit.cost)
-    best = min(search.supported_fits, key=lambda fit: fit.cost, default=likeliest)
-    if best.objection or best.cost > likeliest.cost + REFUSED_COST_MARGIN:
+    supported = sorted(search.supported_fits, key=lambda fit: fit.cost)
+    if not supported or supported[0].cost > likeliest.cost + REFUSED_COST_MARGIN:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
-    return with_doubt_from_others(best, [fit for fit in search.supported_fits if fit is not best])
+    best, *others = sorted(map(search.charge_for_steel, supported), key=lambda fit: fit.cost)
+    return with_doubt_from_others(best, others)
 
 
 class _FitSearch:
@@ -127,6 +139,17 @@ class _FitSearch:
         """The fits that the points support."""
         return [fit for fit in self.found if fit.objection is None]
 
+    def charge_for_steel(self, fit: GrooveFit) -> GrooveFit:
+        """A fit with what the steel costs that it leaves unexplained.
+
+        Beside many reflections some join the surface by chance: then nothing is charged.
+        """
+        off = _costs_of_points_on_sides(fit.fitted, fit.model, self.tolerance) >= 1
+        first, stop = stretches_of_steel(self._runs, off)
+        steel = float((stop - first)[stop - first >= FEWEST_STEEL_POINTS].sum())
+        charged = steel > MOST_OF_OUTLIERS * np.count_nonzero(off)
+        return replace(fit, cost=fit.cost + UNEXPLAINED_STEEL_COST * steel * charged)
+
     def refine_cheapest_chains(self) -> None:
         """Refine the chains that are not much dearer than the cheapest one of any form.
 
@@ -141,8 +164,9 @@ class _FitSearch:
         starts.sort(key=lambda start: start[0])
         settled = None
         for cost, form, chain in starts:
-            if self.supported_fits and cost > starts[0][0] + RIVAL_COST_MARGIN:
-                break
+            margin = WELD_COST_MARGIN if form.sides[-2].roughness else RIVAL_COST_MARGIN
+            if self.supported_fits and cost > starts[0][0] + margin:
+                continue
             if settled in (None, len(form.sides)):
                 fit = self._refine(form, self._chains.as_polyline(chain))
                 if fit and not (fit.objection or model.likely_another) and _is_convincing(fit):
