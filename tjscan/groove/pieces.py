@@ -116,17 +116,6 @@ def project_points(row: Profile, largest_noise: float) -> ProjectivePoints:
     return ProjectivePoints(u, y, z, min(max(sigmas), largest_noise))
 
 
-def _moments_of_points(points: ProjectivePoints) -> Array:
-    """What each point adds to the moments of its piece, shape (9, n)."""
-    terms = np.empty((9, len(points.u)))
-    np.power(points.z, 4, out=terms[0])
-    for k in range(4):
-        np.multiply(terms[k], points.u, out=terms[k + 1])
-    np.multiply(terms[:3], points.y, out=terms[5:8])
-    np.multiply(terms[5], points.y, out=terms[8])
-    return terms
-
-
 def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
     """Divide a profile into the straight pieces that together explain it best.
 
@@ -137,8 +126,14 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
         Of the same points; no piece goes on where neighbours jump.
     """
     first, stop = _divide_runs_in_blocks(runs, len(points.u))
+    # What each point adds to the moments of its piece.
+    terms = np.empty((9, len(points.u)))
+    np.power(points.z, 4, out=terms[0])
+    for k in range(4):
+        np.multiply(terms[k], points.u, out=terms[k + 1])
+    np.multiply(terms[:3], points.y, out=terms[5:8])
+    np.multiply(terms[5], points.y, out=terms[8])
     sums = np.zeros((9, len(points.u) + 1))
-    terms = _moments_of_points(points)
     np.cumsum(terms, axis=1, out=sums[:, 1:])
     sums = np.array(sums[:, stop] - sums[:, first])
     through = np.concatenate((np.zeros((9, 1)), sums.cumsum(axis=1)), axis=1)

@@ -110,7 +110,9 @@ def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
     supported = sorted(search.supported_fits, key=lambda fit: fit.cost)
     if not supported or supported[0].cost > likeliest.cost + REFUSED_COST_MARGIN:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
-    best, *others = sorted(map(search.charge_for_steel, supported), key=lambda fit: fit.cost)
+    if any(fit.model.sides[-2].roughness for fit in supported):
+        supported = sorted(map(search.charge_for_steel, supported), key=lambda fit: fit.cost)
+    best, *others = supported
     return with_doubt_from_others(best, others)
 
 
