@@ -34,9 +34,9 @@ from tjscan.groove.sides import (
     SCALING_LENGTH_POWERS,
     FittedProfile,
     GrooveFit,
-    OrderedProfilePoints,
     end_of_support,
 )
+from tjscan.laser.profile import Profile
 
 CORNER_NEIGHBOURHOOD: Final = 1.5e-3
 """Points this near a corner, in metres along their side, belong to its neighbourhood."""
@@ -99,7 +99,7 @@ class ShapeErrors:
 
 
 def estimate_shape_errors(
-    row: OrderedProfilePoints, fitted: FittedProfile, model: tuple[SideModel, ...]
+    row: Profile, fitted: FittedProfile, model: tuple[SideModel, ...]
 ) -> ShapeErrors:
     """Estimate what the sides' shapes add to the errors of their corners.
 
@@ -109,7 +109,7 @@ def estimate_shape_errors(
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     fitted : FittedProfile
         k sides, whose noise is known.
     model : tuple of SideModel
