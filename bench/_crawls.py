@@ -167,7 +167,7 @@ class _NoisyJoint:
             if self._blind:
                 raise GrooveNotFound("dropout", "nothing is seen", np.empty((0, 2)))
         vehicle = self._world.job.vehicle
-        place = self._world.place(vehicle.laser_to_torch - vehicle.centre_to_torch)
+        place = self._world.pose_ahead(vehicle.laser_to_torch - vehicle.centre_to_torch)
         assert self._world.job.simulation is not None
         _, d = laser_offset(self._world.job.simulation.joint, *place)
         noise = self._crawl.noise
@@ -194,7 +194,7 @@ class _Truth:
             self.torch.setdefault(cycle.number, []).append(1e3 * (off + cycle.torch_y - cycle.path))
         if cycle.slip is not None and len(self.nees) % 10 == 0:
             assert self._world.job.simulation is not None
-            heading = self._world.place(0.0)[2]
+            heading = self._world.pose_ahead(0.0)[2]
             heading -= joint_line_pose(self._world.job.simulation.joint, along)[2]
             error = cycle.slip.x[:2] - (off, heading)
             self.nees.append(float(error @ np.linalg.solve(cycle.slip.P[:2, :2], error)) / 2)

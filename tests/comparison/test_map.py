@@ -37,7 +37,7 @@ def test_the_way_along_a_section_is_its_arc_length_from_p3(name: str) -> None:
     root = np.linalg.norm(s.p4 - s.p3, axis=1)
 
     def along(rz: Array) -> Array:
-        return lines(name).distances_along_section(cylindrical_to_j(PHI, rz[:, 0], rz[:, 1]))
+        return lines(name).positions_along_section(cylindrical_to_j(PHI, rz[:, 0], rz[:, 1]))
 
     np.testing.assert_allclose(along(s.p3), 0, atol=CHORD)
     np.testing.assert_allclose(along((s.p2 + s.p3) / 2), bevel / 2, atol=CHORD)
@@ -52,4 +52,4 @@ def test_points_on_the_leg_are_as_far_out_as_they_lie_from_p4(name: str) -> None
     foot = cylindrical_to_j(PHI, s.p4[:, 0], s.p4[:, 1])
     root = np.linalg.norm(s.p4 - s.p3, axis=1)
     expected = -root - np.linalg.norm(out - foot, axis=1)
-    np.testing.assert_allclose(lines(name).distances_along_section(out), expected, atol=CHORD)
+    np.testing.assert_allclose(lines(name).positions_along_section(out), expected, atol=CHORD)

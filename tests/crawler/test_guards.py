@@ -107,6 +107,23 @@ def test_it_goes_on_along_a_joint_that_a_tack_fills_but_not_for_long() -> None:
 
 
 @pytest.mark.parametrize(
+    ("speed", "period", "filled", "named"),
+    [
+        (0.5, 0.05, False, ["guards.blind_travel_mm"]),
+        (0.0, 2.1, False, ["guards.blind_time_s"]),
+        (0.1, 2.1, False, ["guards.blind_travel_mm", "guards.blind_time_s"]),
+        (0.1, 1.0, True, ["guards.filled_travel_mm"]),
+    ],
+)
+def test_the_stop_names_the_keys_that_would_allow_more(
+    speed: float, period: float, *, filled: bool, named: list[str]
+) -> None:
+    with pytest.raises(CrawlStopped) as caught:
+        guards().watch_joint(None, speed, period, filled=filled)
+    assert f"allow more in {' and '.join(named)}. " in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("offset", "sigma", "goes_on"),
     [
         (0.0, 0.007, True),  # of a field of 22 mm
@@ -121,6 +138,7 @@ def test_where_nothing_is_left_to_weld_a_joint_need_not_be_seen_but_must_be_near
     offset: float, sigma: float, goes_on: bool
 ) -> None:
     found, estimated = guards(), OffsetEstimate(offset, sigma)
+    assert found.surely_in_view(estimated) == goes_on
     stops = pytest.raises(CrawlStopped, match="not seen for")
     with nullcontext() if goes_on else stops:
         for _ in range(100):

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.crawler.joint_sections import PLACES_ACROSS, height_over_hull, section_histories
+from tjscan.crawler.joint_sections import (
+    PLACES_ACROSS,
+    height_over_hull,
+    section_histories,
+    shows_filled_joint,
+)
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
@@ -74,3 +79,22 @@ def test_a_section_is_level_with_its_hull_under_the_light_of_an_arc() -> None:
     beside = np.abs(np.abs(PLACES_ACROSS) - 0.01) > 1e-3
     assert abs(float(np.median((height - depth)[beside]))) < 1e-4
     assert height_over_hull(Profile(X[X < 0], z[X < 0]), 0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("unseen", "height", "filled"),
+    [
+        ((0.0, 0.0), 0.0, True),
+        ((-0.0025, 0.0025), 0.0, True),  # the light of an arc hides so much
+        ((-0.004, 0.004), 0.0, False),  # and this may be a groove that is too dark
+        ((0.024, 0.031), 0.0, False),
+        ((0.0, 0.0), 0.0015, True),  # a crown
+        ((0.0, 0.0), 0.003, False),
+    ],
+)
+def test_a_joint_is_filled_if_even_steel_is_seen_at_every_place_of_it(
+    unseen: tuple[float, float], height: float, *, filled: bool
+) -> None:
+    bead = np.where(np.abs(X) < 0.01, 0.149 - height, 0.149)
+    hidden = np.abs(X - np.mean(unseen)) < np.ptp(unseen) / 2
+    assert shows_filled_joint(Profile(X, np.where(hidden, np.nan, bead))) == filled

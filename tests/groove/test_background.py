@@ -9,7 +9,6 @@ from tjscan.core.frames import Array
 from tjscan.groove.read import read_groove
 from tjscan.groove.reflections import find_runs, share_in_long_stretches
 from tjscan.groove.section import GrooveSection
-from tjscan.groove.sides import OrderedProfilePoints
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(0.03 * MM)
@@ -75,8 +74,8 @@ def test_the_part_of_a_root_that_hangs_on_to_a_side_is_its_face(seed: int, end: 
 
 
 def test_only_a_stretch_as_long_as_a_side_speaks_against_it() -> None:
-    points, columns, residuals = bent_line(100), np.arange(100), np.zeros(100)
-    row = OrderedProfilePoints(points, columns / 100, columns, 100)
+    points, residuals = bent_line(100), np.zeros(100)
+    row = Profile(*points.T)
     assert share_in_long_stretches(row, residuals, 1, jumping=1.0) == 0
     residuals[20:30] = residuals[60:66] = -1 * MM
     for least, share in ((6, 0.16), (7, 0.10), (11, 0.0)):
@@ -85,11 +84,11 @@ def test_only_a_stretch_as_long_as_a_side_speaks_against_it() -> None:
 
 
 def test_a_stretch_that_jumps_at_both_ends_is_attached_to_nothing() -> None:
-    points, columns, residuals = bent_line(100), np.arange(100), np.zeros(100)
+    points, residuals = bent_line(100), np.zeros(100)
     points[20:30, 1] -= 3 * MM
     residuals[20:30] = -3 * MM
     residuals[60:66] = -1 * MM
-    row = OrderedProfilePoints(points, columns / 100, columns, 100)
+    row = Profile(*points.T)
     assert share_in_long_stretches(row, residuals, 2, jumping=0.0) == pytest.approx(0.06)
     assert share_in_long_stretches(row, residuals, 2, jumping=1.0) == pytest.approx(0.16)
 

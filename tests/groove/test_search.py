@@ -40,24 +40,21 @@ from tjscan.groove.settings import (
     TEE_NO_ROOT,
     GrooveModel,
 )
-from tjscan.groove.sides import OrderedProfilePoints, bearing_tangents
 from tjscan.laser.profile import Profile
 
 TOLERANCE = DEFAULT_SETTINGS.support_tolerance
 
 
-def ordered(points: Array) -> OrderedProfilePoints:
+def ordered(points: Array) -> Profile:
     """Points from wall to leg, one a column."""
-    return OrderedProfilePoints(
-        points, bearing_tangents(points), np.arange(len(points)), len(points)
-    )
+    return Profile(*points.T)
 
 
-def drawn(seed: int, noise: float = 0.03, ghosts: float = 0.0) -> OrderedProfilePoints:
+def drawn(seed: int, noise: float = 0.03, ghosts: float = 0.0) -> Profile:
     return order_points(draw(Groove(), Noise(noise * MM, ghosts=ghosts), seed), DEFAULT_SETTINGS)
 
 
-def search_of(row: OrderedProfilePoints) -> tuple[ChainSearch, ProjectivePoints, PointRuns]:
+def search_of(row: Profile) -> tuple[ChainSearch, ProjectivePoints, PointRuns]:
     points = project_points(row, DEFAULT_SETTINGS.noise)
     runs = find_runs(row.points, row.columns)
     pieces = find_pieces(points, runs)

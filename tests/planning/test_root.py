@@ -13,7 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.planning.document import beads_to_csv, plan_document, read_beads_csv
-from tjscan.planning.edges import GrooveEdges, fit_groove_edges, root_along_sections
+from tjscan.planning.edges import GrooveEdges, fit_groove_edges, root_state_along_sections
 from tjscan.planning.path import (
     LARGEST_KINK,
     LONGEST_STATION_STEP,
@@ -184,11 +184,13 @@ def test_where_a_section_does_not_show_its_root_those_beside_it_do() -> None:
         section(""),
     ]
     s = np.arange(5.0)
-    root = root_along_sections(sections, s, 4.0, closed=False)
+    root = root_state_along_sections(sections, s, 4.0, closed=False)
     np.testing.assert_allclose(root.openness, (1.0, 1.0, 1.0, 0.5, 0.0))
     np.testing.assert_array_equal(root.tacked, (False, True, False, False, False))
     assert root.is_open_between(0.0, 2.0)
-    assert not root_along_sections(sections[3:], s[:2], 1.0, closed=False).is_open_between(0, 1)
+    assert not root_state_along_sections(sections[3:], s[:2], 1.0, closed=False).is_open_between(
+        0, 1
+    )
 
 
 def measured(count: int, conditions: dict[int, str], area: float = 1.0) -> list[MeasuredSection]:

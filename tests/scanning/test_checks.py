@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from rings import PLAN, ring_section
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.errors import SetPointRefused
+from tjscan.core.errors import SetPointTooFar
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rotation_angle_between
 from tjscan.scanning.journal import StopReason
 from tjscan.scanning.retries import LARGEST_RETRY_SHIFT, NUDGE_TURN, ViewAdjustment
@@ -52,13 +52,13 @@ def nothing_further(to: SetPoint) -> None:
 @given(arrays(np.float64, (4, 4), elements=anything), arrays(np.float64, (4, 4), elements=anything))
 def test_no_monster_passes(T_b_t: Array, T_s_t: Array) -> None:
     for to in (SetPoint(T_b_t, GOOD.T_s_t), SetPoint(GOOD.T_b_t, T_s_t), SetPoint(T_b_t, T_s_t)):
-        with pytest.raises(SetPointRefused):
+        with pytest.raises(SetPointTooFar):
             check_set_point(to, REQUEST, PLAN)
 
 
 def test_a_step_of_no_length_leads_nowhere() -> None:
     for length in (np.nan, -PLAN.step, 0.0):
-        with pytest.raises(SetPointRefused):
+        with pytest.raises(SetPointTooFar):
             check_set_point(GOOD, StepRequest(LAST, REQUEST.p_b_ahead, length), PLAN)
 
 
@@ -73,7 +73,7 @@ def test_what_passes_leads_no_further_than_the_step_allows(
     to = SetPoint(GOOD.T_b_t @ change(off), GOOD.T_s_t @ change(seen))
     try:
         check_set_point(to, REQUEST, PLAN)
-    except SetPointRefused:
+    except SetPointTooFar:
         return
     nothing_further(to)
 
@@ -102,10 +102,10 @@ def test_a_hand_may_have_held_the_sensor_otherwise_but_not_anyhow() -> None:
         return SetPoint(GOOD.T_b_t @ pose(rot_x(np.radians(degrees))), GOOD.T_s_t)
 
     taught = StepRequest(ring_section(0.0, substep=Substep.TAUGHT), REQUEST.p_b_ahead, PLAN.step)
-    with pytest.raises(SetPointRefused, match="turns the sensor"):
+    with pytest.raises(SetPointTooFar, match="turns the sensor"):
         check_set_point(turned_by(90), REQUEST, PLAN)
     check_set_point(turned_by(90), taught, PLAN)
-    with pytest.raises(SetPointRefused, match="turns the sensor"):
+    with pytest.raises(SetPointTooFar, match="turns the sensor"):
         check_set_point(turned_by(160), taught, PLAN)
 
 

@@ -150,7 +150,7 @@ class LaserResponseEntry(StrictFileModel):
         return np.asarray(np.array(self.by_draws) / units[:, None])
 
 
-class ViewEntry(StrictFileModel):
+class ViewDirectionEntry(StrictFileModel):
     """Direction from which the sensor looked at the target for one profile.
 
     `tilt_deg` is the angle of the sensor's z from z of the arm's base, from its opposite if most
@@ -182,13 +182,13 @@ class BasisEntry(StrictFileModel):
     poses_read_as: Words = ()
     left_out: Words = ()
     caveats: Words = ()
-    views: Annotated[tuple[ViewEntry, ...], Field(strict=False)] = ()
+    views: Annotated[tuple[ViewDirectionEntry, ...], Field(strict=False)] = ()
     shrinking: Annotated[tuple[UncertaintyAfterLinesEntry, ...], Field(strict=False)] = ()
 
 
 def views_of_poses(
     T_b_f: Mapping[str, Array], T_sensor: Array, *, sensor_is_fixed: bool = False
-) -> tuple[ViewEntry, ...]:
+) -> tuple[ViewDirectionEntry, ...]:
     """Directions in which the sensor looked from flange poses.
 
     Parameters
@@ -205,7 +205,7 @@ def views_of_poses(
     ]
     side = np.copysign(1.0, np.sum([z for _, _, z in looks]))
     return tuple(
-        ViewEntry(
+        ViewDirectionEntry(
             name=name,
             tilt_deg=float(np.degrees(np.arctan2(np.hypot(x, y), side * z))),
             azimuth_deg=float(np.degrees(np.arctan2(y, x))),

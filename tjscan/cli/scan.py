@@ -136,7 +136,12 @@ def teach(
     print_message(f"{job}: {'.'.join(taught.key)} is now {list(position)} mm, {list(angles)}°")
 
 
-def doctor(job: Path, *overrides: JobKeys, station: str | None = None, json: bool = False) -> None:
+def doctor(
+    job: Path,
+    *overrides: JobKeys,
+    station: str | None = None,
+    json: bool = False,
+) -> None:
     """Check a job's cell: files, arm, laser, and the way to its start poses. Nothing moves.
 
     Parameters
@@ -205,7 +210,12 @@ def laser(
                 keep(reading.profile)
 
 
-def reprocess(run: Path, *overrides: JobKeys, out: Path | None = None, json: bool = False) -> None:
+def reprocess(
+    run: Path,
+    *overrides: JobKeys,
+    out: Path | None = None,
+    json: bool = False,
+) -> None:
     """Read a run's recorded profiles again with other settings, into a new directory.
 
     Keys of the job for reading profiles are options: ``--groove.noise-mm 0.1``; so is

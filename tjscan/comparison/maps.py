@@ -54,7 +54,7 @@ class CornerCurves:
         columns = [np.interp(phi, self._phi, column, period=period) for column in table.T]
         return np.column_stack(columns).reshape(-1, 3, 2)
 
-    def distances_along_section(self, points: Array) -> Array:
+    def positions_along_section(self, points: Array) -> Array:
         """Distance of points along their section from p3, metres, shape (k,).
 
         Positive over the bevel and up the brace, negative over the root and out along the leg.
@@ -127,7 +127,7 @@ def deviation_map_figure(
         along = points[:, 2] - np.hypot(points[:, 0], points[:, 1])
         label = "$z_j - \\rho$ / mm, up the brace and in from the leg"
     else:
-        along = lines.distances_along_section(points)
+        along = lines.positions_along_section(points)
         label = "along the section from $p_3$ / mm:  leg  ←  →  brace"
     figure = Figure(figsize=(12, 6.5), layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(4, 1))

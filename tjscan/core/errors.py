@@ -284,7 +284,7 @@ class GrooveNotFound(TjscanError):
         super().__init__(f"no groove found ({reason}): {detail}")
 
 
-class SetPointRefused(TjscanError):
+class SetPointTooFar(TjscanError):
     """The set-point of the next section is further from the last one than the scan's step allows.
 
     Parameters

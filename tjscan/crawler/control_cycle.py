@@ -253,15 +253,26 @@ class ControlCycle:
         torch = method.torch
         torch_y = devices.torch.move(path - torch.offset, height, period)
         cycle = CrawlCycle(
-            *(self.phase, self.number, self.travel, state, twist, torch, torch_y, path, self.arc),
-            *(d, d_sigma, method.slip, profile),
+            self.phase,
+            self.number,
+            self.travel,
+            state,
+            twist,
+            torch,
+            torch_y,
+            path,
+            self.arc,
+            d,
+            d_sigma,
+            method.slip,
+            profile,
         )
         self.deviation = cycle.deviation
         self._journal.record(cycle)
         if self.arc:
             self._tracer.add(self.number, self.travel, torch_y - path)
-        in_view = self._guards.surely_in_view(method.laser)
-        filled = reading is None and in_view and shows_filled_joint(profile)
+        unread_in_view = reading is None and self._guards.surely_in_view(method.laser)
+        filled = unread_in_view and shows_filled_joint(profile)
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:

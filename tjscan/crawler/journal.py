@@ -143,7 +143,11 @@ TORCH_EVENT: Final = "torch"
 """Name of the event that states the same in words."""
 
 CRAWL_TOPICS: Final[tuple[Topic[Any], ...]] = (
-    *(CYCLE_TOPIC, PLACE_TOPIC, TRACE_TOPIC, PROFILE_TOPIC, LOG_TOPIC),
+    CYCLE_TOPIC,
+    PLACE_TOPIC,
+    TRACE_TOPIC,
+    PROFILE_TOPIC,
+    LOG_TOPIC,
 )
 """Everything that a crawl records."""
 

@@ -186,7 +186,9 @@ def _turn_torque_figures(
     rule: dict[str, Any] = {"most": size.torque, "advice": advice}
     turns = [
         SizeFigure(
-            *(f"torque of a turn of {turn:g} m", torque, "N m"),
+            f"torque of a turn of {turn:g} m",
+            torque,
+            "N m",
             **(rule if turn == least_radius else {}),
         )
         for turn, torque in zip(radii, torques, strict=True)

@@ -171,8 +171,12 @@ class OdometryFilter:
             self._recent_turn += new * (self._turn_rate / abs(self._speed) - self._recent_turn)
         self._chains += self._tracks.track_speeds(measured) * period
         return TrackOdometry(
-            *(self._speed, self._turn_rate, period, self._recent_turn, turned_back),
-            (*self._turn_by_ripple(), (before - self._turn_rate) / period),
+            self._speed,
+            self._turn_rate,
+            period,
+            self._recent_turn,
+            turned_back,
+            turn_rate_parts=(*self._turn_by_ripple(), (before - self._turn_rate) / period),
         )
 
     def _share_of_encoders(self, off: float, period: float) -> float:

@@ -19,7 +19,9 @@ from tjscan.crawler.slip_estimator import SlipEstimate, SlipStateIndex, SlipUnce
 LEARNED_QUANTITIES: Final = {
     "rotation_centre_m": (
         SlipStateIndex.ROTATION_CENTRE,
-        *("centre of rotation, ahead in travel direction", 1e3, "mm"),
+        "centre of rotation, ahead in travel direction",
+        1e3,
+        "mm",
     ),
     "yaw_efficiency": (SlipStateIndex.YAW_EFFICIENCY, "yaw efficiency", 1.0, ""),
     "drift_rad_per_m": (SlipStateIndex.DRIFT, "drift", 1e3, "mrad/m"),
@@ -27,7 +29,9 @@ LEARNED_QUANTITIES: Final = {
     "turning_crab_m": (SlipStateIndex.TURNING_CRAB, "crab while turning", 1e3, "mm"),
     "settled_centre_m": (
         SlipStateIndex.SETTLED_CENTRE,
-        *("centre of rotation, farther ahead in a turn that lasts", 1e3, "mm"),
+        "centre of rotation, farther ahead in a turn that lasts",
+        1e3,
+        "mm",
     ),
 }
 """What belongs to vehicle and hull, not to the vehicle's place: of each field of the file its place

@@ -19,7 +19,7 @@ import numpy as np
 from annotated_types import Gt, Le
 
 from tjscan.core.frames import Array, ArrayForm
-from tjscan.core.units import MM, MRAD, SECONDS, SettingsTable
+from tjscan.core.units import MM, MRAD, MRAD_S, SECONDS, SettingsTable
 from tjscan.crawler.state_smoother import StateSmoother
 
 
@@ -69,7 +69,9 @@ STATE_COUNT: Final = len(SlipStateIndex)
 
 UNSTEADY_STATES: Final = [SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.UNSTEADY_DRIFT]
 TURNING_STATES: Final = [
-    *(SlipStateIndex.YAW_EFFICIENCY, SlipStateIndex.DRIFT, SlipStateIndex.UNSTEADY_DRIFT)
+    SlipStateIndex.YAW_EFFICIENCY,
+    SlipStateIndex.DRIFT,
+    SlipStateIndex.UNSTEADY_DRIFT,
 ]
 """What the turn rate is linear in."""
 
@@ -77,8 +79,12 @@ ODOMETRY_STATES: Final = slice(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex
 """What the tracks' turn rate is wrong by."""
 
 SIDEWAYS_STATE_INDICES: Final = [
-    *(SlipStateIndex.HEADING, SlipStateIndex.ROTATION_CENTRE, SlipStateIndex.FIXED_CENTRE),
-    *(SlipStateIndex.CRAB, SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.TURNING_CRAB),
+    SlipStateIndex.HEADING,
+    SlipStateIndex.ROTATION_CENTRE,
+    SlipStateIndex.FIXED_CENTRE,
+    SlipStateIndex.CRAB,
+    SlipStateIndex.UNSTEADY_CRAB,
+    SlipStateIndex.TURNING_CRAB,
     SlipStateIndex.SETTLED_CENTRE,
 ]
 """What the vehicle goes aside by, other than by how far it turns."""
@@ -292,8 +298,8 @@ class SlipUncertainty(SettingsTable):
     turning_drift: Deviation = 0.05
     ripple: Deviation = 3e-3
     odometry_delay: Annotated[Deviation, SECONDS] = 0.05
-    gyro_bias: Annotated[Deviation, MRAD] = 2e-3
-    gyro: Annotated[Deviation, MRAD] = 2e-4
+    gyro_bias: Annotated[Deviation, MRAD_S] = 2e-3
+    gyro: Annotated[Deviation, MRAD_S] = 2e-4
     down: Annotated[Deviation, MRAD] = 1e-3
     rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
     yaw_efficiency_walk: Deviation = 0.01
@@ -355,7 +361,9 @@ class SlipEstimate:
         """
         new = type(self).before_any_reading(uncertainty)
         place: list[int] = [
-            *(SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN),
+            SlipStateIndex.OFFSET,
+            SlipStateIndex.HEADING,
+            SlipStateIndex.JOINT_DOWN,
             *range(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1),
         ]
         x, P = self.x.copy(), self.P.copy()

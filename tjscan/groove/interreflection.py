@@ -24,8 +24,8 @@ from tjscan.groove.sides import (
     OUTLIER_SIGMAS,
     CubicCurve,
     FittedProfile,
-    OrderedProfilePoints,
 )
+from tjscan.laser.profile import Profile
 
 TRIED_NOTCH_PULLS: Final = 1e-3 * np.array(
     (0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0)
@@ -129,12 +129,12 @@ class _Flank:
         return np.asarray((met + TRIED_NOTCH_PULLS * (cx / cz * tz - tx)) / cross)
 
 
-def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> NotchPull:
+def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     """Estimate whether the notch whose bottom is side k of a fit is pulled in, and how far.
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     fitted : FittedProfile
         Whose noise is known.
     k : int
@@ -152,7 +152,8 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
             (k + 1, fitted.places[k][1] + NOTCH_REGION_LENGTH),
         )
     ]
-    a, b = row.tangents.searchsorted([-x / z for x, z in bounds]).tolist()
+    tangents = -row.x_s / row.z_s
+    a, b = tangents.searchsorted([-x / z for x, z in bounds]).tolist()
     points = row.points[a:b]
     flanks = (
         _build_flank(
@@ -162,11 +163,10 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
     )
     sides = np.arange(len(limits)).repeat(np.diff(fitted.edges))[a:b]
     now = float(np.minimum((fitted.residuals[a:b] / limits[sides]) ** 2, 1).sum())
-    tangents = row.tangents[a:b]
-    found = [_pull_costs(face, places, float(limits[k]), flanks, points, tangents)]
+    found = [_pull_costs(face, places, float(limits[k]), flanks, points, tangents[a:b])]
     if sag > flat:
         found += [
-            _pull_costs(line, (0.0, 0.0), flat, flanks, points, tangents)
+            _pull_costs(line, (0.0, 0.0), flat, flanks, points, tangents[a:b])
             for line in _propose_flatter_faces(points[sides == k])
         ]
     known = [pair for pair in found if pair is not None]
@@ -254,14 +254,12 @@ def closeness_to_notch(points: Array, notch: Array) -> Array:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
 
 
-def estimate_pull(
-    row: OrderedProfilePoints, fitted: FittedProfile, model: GrooveModel
-) -> tuple[float, float]:
+def estimate_pull(row: Profile, fitted: FittedProfile, model: GrooveModel) -> tuple[float, float]:
     """Estimate a pull from the flanks of a root with a face: weighted least squares.
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
         Its points may differ from the fit's.
     fitted : FittedProfile
     model : GrooveModel

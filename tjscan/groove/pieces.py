@@ -14,7 +14,8 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.reflections import PointRuns
-from tjscan.groove.sides import LEAST_NOISE, Index, OrderedProfilePoints
+from tjscan.groove.sides import LEAST_NOISE, Index
+from tjscan.laser.profile import Profile
 
 POINTS_PER_BLOCK: Final = 3
 """Points of a block, which is not divided; more if a profile has more points."""
@@ -91,17 +92,17 @@ class Pieces:
     heights: Array
 
 
-def project_points(row: OrderedProfilePoints, largest_noise: float) -> ProjectivePoints:
+def project_points(row: Profile, largest_noise: float) -> ProjectivePoints:
     """Points in (u, y), and their noise, from second differences of the quietest points.
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     largest_noise : float
         In metres; what is rougher is shape.
     """
-    z = row.points[:, 1]
-    u, y = row.tangents, 1 / z
+    z = row.z_s
+    u, y = -row.x_s / z, 1 / z
     sigmas = [LEAST_NOISE]
     for lag in NOISE_LAGS:
         before, own, after = slice(-2 * lag), slice(lag, -lag), slice(2 * lag, None)

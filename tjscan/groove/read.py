@@ -21,7 +21,7 @@ from tjscan.groove.settings import (
     GrooveSettings,
 )
 from tjscan.groove.shape import corner_estimates
-from tjscan.groove.sides import GrooveFit, OrderedProfilePoints, bearing_tangents
+from tjscan.groove.sides import GrooveFit
 from tjscan.groove.steel import fit_bare_steel
 from tjscan.laser.profile import Profile
 
@@ -101,7 +101,7 @@ def fit_groove(profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS) ->
     return replace(fit, fitted=fitted, covariance=covariance + fit.other_readings)
 
 
-def order_points(profile: Profile, settings: GrooveSettings) -> OrderedProfilePoints:
+def order_points(profile: Profile, settings: GrooveSettings) -> Profile:
     """The points of a profile by their bearings, from the wall to the leg.
 
     Raises
@@ -114,24 +114,21 @@ def order_points(profile: Profile, settings: GrooveSettings) -> OrderedProfilePo
     # Others write a far value: no laser line is several times as far away as its middle.
     farthest = FARTHEST_POINT_RATIO * float(np.median(profile.z_s[valid])) if valid.any() else 0.0
     valid &= (profile.z_s < farthest) & (np.abs(profile.x_s) < farthest)
-    # Coordinates lie one after the other in memory: sums over all points are quicker.
-    points = np.array((profile.x_s[valid], profile.z_s[valid])).T
-    if len(points) < settings.minimum_points:
+    columns = np.flatnonzero(valid)
+    if len(columns) < settings.minimum_points:
         raise GrooveNotFound(
             "too few points",
-            f"{len(points)} of {len(profile)} columns hold a point, {settings.minimum_points} "
+            f"{len(columns)} of {len(profile)} columns hold a point, {settings.minimum_points} "
             "are needed. Is the surface inside the sensor's range, and the laser on?",
-            points,
+            profile.points[columns],
         )
-    tangents = bearing_tangents(points)
-    order = np.argsort(tangents, kind="stable")
-    columns = np.flatnonzero(valid)[order]
-    return OrderedProfilePoints(points.T[:, order].T, tangents[order], columns, len(profile))
+    bearings = -profile.x_s[columns] / profile.z_s[columns]
+    columns = columns[np.argsort(bearings, kind="stable")]
+    x_s, z_s = profile.x_s[columns], profile.z_s[columns]
+    return Profile(x_s, z_s, columns=columns, column_count=len(profile))
 
 
-def _fit_on_steel(
-    row: OrderedProfilePoints, settings: GrooveSettings, prior: GroovePrior | None
-) -> GrooveFit:
+def _fit_on_steel(row: Profile, settings: GrooveSettings, prior: GroovePrior | None) -> GrooveFit:
     """Fit with what the sections before show, as far as the profile does not contradict it."""
     if prior is None:
         return fit_bare_steel(find_best_fit(row, settings), None, settings.support_tolerance)
@@ -141,9 +138,10 @@ def _fit_on_steel(
         if not _contradicts_bends(fit):
             return fit_bare_steel(fit, prior, settings.support_tolerance)
     except GrooveNotFound:
-        if not prior.knows_bends:
+        if not np.isfinite(prior.bend_sigmas).any():
             raise
-    return _fit_on_steel(row, settings, prior.without_bends)
+    unbent = replace(prior, bends=np.zeros(2), bend_sigmas=np.full(2, np.inf))
+    return _fit_on_steel(row, settings, unbent)
 
 
 def _contradicts_bends(fit: GrooveFit) -> bool:
@@ -157,9 +155,7 @@ def _contradicts_bends(fit: GrooveFit) -> bool:
     return False
 
 
-def _check_corner_uncertainty(
-    row: OrderedProfilePoints, variance: float, settings: GrooveSettings
-) -> None:
+def _check_corner_uncertainty(row: Profile, variance: float, settings: GrooveSettings) -> None:
     """Refuse a groove if a coordinate that has to be known, of a variance in m², is not."""
     sigma = sqrt(variance)
     if sigma > settings.largest_sigma:

@@ -30,11 +30,11 @@ from tjscan.groove.sides import (
     FittedProfile,
     Index,
     NoiseCorrelation,
-    OrderedProfilePoints,
     Polyline,
     corners_between_sides,
     rebased_at_tangents,
 )
+from tjscan.laser.profile import Profile
 
 LONGEST_LAG: Final = 24
 """Lag in columns beyond which noise is taken as independent."""
@@ -213,20 +213,18 @@ def correlated_normal_matrices(
     return np.array([basis[:, a:b] @ smooth[:, a:b].T for a, b in spans])
 
 
-def estimate_noise_correlation(
-    row: OrderedProfilePoints, fitted: FittedProfile
-) -> NoiseCorrelation:
+def estimate_noise_correlation(row: Profile, fitted: FittedProfile) -> NoiseCorrelation:
     """Estimate the correlation of the columns' noise from the residuals of all sides.
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     fitted : FittedProfile
     """
     keep = fitted.keep
     scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
     return estimate_correlation(
-        scaled, row.columns[keep], row.count, int((2 + fitted.curved).sum())
+        scaled, row.columns[keep], row.column_count, int((2 + fitted.curved).sum())
     )
 
 
@@ -266,7 +264,7 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
 
 
 def refine_fit(
-    row: OrderedProfilePoints,
+    row: Profile,
     start: Polyline,
     model: tuple[SideModel, ...],
     tolerance: float,
@@ -278,7 +276,7 @@ def refine_fit(
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     start : Polyline
         A hypothesis, from the wall.
     model : tuple of SideModel
@@ -383,7 +381,7 @@ def solve_with_prior(
 
 
 def _fit_sides_once(
-    row: OrderedProfilePoints,
+    row: Profile,
     start: Polyline,
     limits: Array,
     prior: tuple[Array, Array],
@@ -393,7 +391,8 @@ def _fit_sides_once(
     shadows: bool,
 ) -> FittedProfile | None:
     """Who owns which point, outliers, fits, corners."""
-    cuts = row.tangents.searchsorted(-start.corners[:, 0] / start.corners[:, 1]).tolist()
+    x, z = row.x_s, row.z_s
+    cuts = (-x / z).searchsorted(-start.corners[:, 0] / start.corners[:, 1]).tolist()
     edges = [0, *cuts, len(row.points)]
     sizes = [b - a for a, b in pairwise(edges)]
     if min(sizes) < FEWEST_SIDE_POINTS:
@@ -407,7 +406,6 @@ def _fit_sides_once(
             )
         ]
     ).T.repeat(sizes, axis=1)
-    x, z = row.points.T
     s, d = x * ex + z * ez - es, x * ez - z * ex - ed
     scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
     keep = np.abs(scaled) < OUTLIER_SIGMAS
@@ -529,7 +527,7 @@ def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:
 
 
 def _log_odds_of_straight_sides(
-    row: OrderedProfilePoints, fitted: FittedProfile, model: tuple[SideModel, ...]
+    row: Profile, fitted: FittedProfile, model: tuple[SideModel, ...]
 ) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     spread = prior_shape_sigmas(model)

@@ -24,9 +24,9 @@ from tjscan.groove.sides import (
     FittedProfile,
     GrooveFit,
     Index,
-    OrderedProfilePoints,
     stretches_of_true_values,
 )
+from tjscan.laser.profile import Profile
 
 JUMP_DISTANCE, JUMP_STEEPNESS = 0.5e-3, 1.5
 """Neighbouring points of one surface lie no farther apart than this, in metres, with this many
@@ -139,7 +139,7 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     return PointRuns(first, count, jumped[:-1] | jumped[1:])
 
 
-def with_other_readings(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
+def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
     """The likeliest reading with how far others are from it, and which sides may be no surface.
 
     Parameters
@@ -254,7 +254,7 @@ def reflection_probability(fitted: FittedProfile) -> float:
 
 
 def share_in_long_stretches(
-    row: OrderedProfilePoints, residuals: Array, least: int, *, jumping: float = 1.0
+    row: Profile, residuals: Array, least: int, *, jumping: float = 1.0
 ) -> float:
     """Share of a profile's points that lie far off its sides, in stretches of so many at least.
 
@@ -264,7 +264,7 @@ def share_in_long_stretches(
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     residuals : ndarray, shape (n,)
         How far its points lie behind their sides, in metres.
     least : int
@@ -280,9 +280,7 @@ def share_in_long_stretches(
     return min(share / len(residuals), MOST_REFLECTION_PROBABILITY)
 
 
-def _far_stretches(
-    row: OrderedProfilePoints, residuals: Array
-) -> tuple[Index, Index, NDArray[np.bool_]]:
+def _far_stretches(row: Profile, residuals: Array) -> tuple[Index, Index, NDArray[np.bool_]]:
     """Stretches of points far off their sides.
 
     First points, points after the last ones, and whether they begin and end without a jump,

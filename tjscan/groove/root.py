@@ -28,11 +28,11 @@ from tjscan.groove.sides import (
     CubicCurve,
     FittedProfile,
     GrooveFit,
-    OrderedProfilePoints,
     end_of_support,
     intersect_curves,
 )
 from tjscan.groove.weld import find_toe, weld_surface
+from tjscan.laser.profile import Profile
 
 OPEN_ROOT: Final = "open root"
 WELD_IN_ROOT: Final = "weld in the root"
@@ -285,7 +285,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     # If the two are near each other a point belongs to the nearer one.
     on_bevel = (off_bevel < tolerance) & (off_bevel < off_leg)
     on_leg = (off_leg < tolerance) & (off_leg <= off_bevel)
-    turn = int(row.tangents.searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))
+    turn = int((-row.x_s / row.z_s).searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))
     last = max(end_of_support(on_bevel[:turn]) - 1, 0)
     while last + 1 < turn and on_bevel[last + 1]:
         last += 1
@@ -341,7 +341,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
 
 
 def _first_point_under_bevel(
-    row: OrderedProfilePoints, leg: CubicCurve, last: int, apex: float, on_leg: NDArray[np.bool_]
+    row: Profile, leg: CubicCurve, last: int, apex: float, on_leg: NDArray[np.bool_]
 ) -> int | None:
     """First point after the end of a bevel where the leg is seen under it; None if it is not.
 
@@ -354,7 +354,7 @@ def _first_point_under_bevel(
 
 
 def _column_spacing_along_bevel(
-    row: OrderedProfilePoints, bevel: CubicCurve, last: int, on_bevel: NDArray[np.bool_]
+    row: Profile, bevel: CubicCurve, last: int, on_bevel: NDArray[np.bool_]
 ) -> float:
     """Distance along a bevel between neighbouring columns near its end."""
     index = np.flatnonzero(on_bevel[: last + 1])[-10:]

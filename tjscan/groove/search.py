@@ -7,7 +7,6 @@ their points and sides cost.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from math import atan2, degrees, pi, radians
@@ -27,7 +26,7 @@ from tjscan.groove.chains import (
 )
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
-from tjscan.groove.reflections import find_runs, with_other_readings
+from tjscan.groove.reflections import find_runs, with_doubt_from_others
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
     LEAST_SIDES,
@@ -35,7 +34,8 @@ from tjscan.groove.settings import (
     GrooveSettings,
     TurnBounds,
 )
-from tjscan.groove.sides import FittedProfile, GrooveFit, OrderedProfilePoints, Polyline
+from tjscan.groove.sides import FittedProfile, GrooveFit, Polyline
+from tjscan.laser.profile import Profile
 
 FEWEST_POINTS_ON_SIDE: Final = 4
 """Fewest points on a side."""
@@ -78,12 +78,12 @@ STRAIGHT_UNDULATION: Final = 0.08e-3
 """A side that undulates by more, in metres, may be two."""
 
 
-def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveFit:
+def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
     """Find the likeliest fit that its points support, however uncertain its corners.
 
     Parameters
     ----------
-    row : OrderedProfilePoints
+    row : Profile
     settings : GrooveSettings
 
     Raises
@@ -99,13 +99,13 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
     best = min(search.supported_fits, key=lambda fit: fit.cost, default=likeliest)
     if best.objection or best.cost > likeliest.cost + REFUSED_COST_MARGIN:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
-    return with_other_readings(best, [fit for fit in search.supported_fits if fit is not best])
+    return with_doubt_from_others(best, [fit for fit in search.supported_fits if fit is not best])
 
 
 class _FitSearch:
     """What was tried already, and what came of it."""
 
-    def __init__(self, row: OrderedProfilePoints, settings: GrooveSettings) -> None:
+    def __init__(self, row: Profile, settings: GrooveSettings) -> None:
         self.found: list[GrooveFit] = []
         self.tolerance = settings.support_tolerance
         self._row, self._settings = row, settings
@@ -152,7 +152,9 @@ class _FitSearch:
         """Refine a chain; None if it fits no points, or leads to a fit that is known."""
         known = [fit.fitted.corners for fit in self.found if fit.model is model]
         fit = self._fit(model, start, known)
-        if fit is None or _is_near(fit.fitted.corners, known, SAME_FIT_DISTANCE):
+        if fit is None or any(
+            np.abs(fit.fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known
+        ):
             return None
         fit = replace(fit, objection=_reason_to_reject(fit, self._settings))
         self.found.append(fit)
@@ -233,11 +235,6 @@ def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, toleran
     reach, less = np.array((reach, less)).repeat(np.diff(fitted.edges), axis=1)
     scaled = fitted.residuals / reach
     return np.asarray(np.minimum(scaled * scaled + less, 1))
-
-
-def _is_near(corners: Array, others: Iterable[Array], distance: float) -> bool:
-    """Whether corners differ by less than a distance from some others."""
-    return any(np.abs(corners - other).max() < distance for other in others)
 
 
 def _turn_between(before: ArrayLike, after: ArrayLike) -> float:

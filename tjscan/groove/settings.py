@@ -184,13 +184,13 @@ _PLATES_TURN: Final = TurnBounds(-radians(30), radians(30))
 _FIRST_PLATE: Final = SideModel("plate", 4e-3, bend=0.3)
 _OTHER_PLATE: Final = SideModel("other plate", 4e-3, bend=0.3)
 # Cut or ground by hand, a bevel bows by a tenth of a millimetre in 20 mm.
-_FIRST_BUTT_BEVEL: Final = SideModel("bevel", 3e-3, 80e-3, bend=1.0)
-_OTHER_BEVEL: Final = SideModel("other bevel", 3e-3, 80e-3, bend=1.0)
-_BUTT_ROOT: Final = SideModel("root", 0.8e-3, 45e-3, bend=100.0, twist=8000.0, bead=True)
+_FIRST_BEVEL_SIDE: Final = SideModel("bevel", 3e-3, 80e-3, bend=1.0)
+_OTHER_BEVEL_SIDE: Final = SideModel("other bevel", 3e-3, 80e-3, bend=1.0)
+_BUTT_ROOT_SIDE: Final = SideModel("root", 0.8e-3, 45e-3, bend=100.0, twist=8000.0, bead=True)
 
 BUTT_V_SHARP: Final = GrooveModel(
     "butt-v-sharp",
-    (_FIRST_PLATE, _FIRST_BUTT_BEVEL, _OTHER_BEVEL, _OTHER_PLATE),
+    (_FIRST_PLATE, _FIRST_BEVEL_SIDE, _OTHER_BEVEL_SIDE, _OTHER_PLATE),
     (_RIDGE_TURN, _VALLEY_TURN, _RIDGE_TURN),
     _PLATES_TURN,
 )
@@ -198,7 +198,7 @@ BUTT_V_SHARP: Final = GrooveModel(
 
 BUTT_V: Final = GrooveModel(
     "butt-v",
-    (_FIRST_PLATE, _FIRST_BUTT_BEVEL, _BUTT_ROOT, _OTHER_BEVEL, _OTHER_PLATE),
+    (_FIRST_PLATE, _FIRST_BEVEL_SIDE, _BUTT_ROOT_SIDE, _OTHER_BEVEL_SIDE, _OTHER_PLATE),
     (_RIDGE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN, _RIDGE_TURN),
     _PLATES_TURN,
     (BUTT_V_SHARP,),

@@ -6,9 +6,10 @@ from, the sides fitted to the points, and the fit of a groove with what is known
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot, nan, sqrt
+from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.groove.prior import SectionEvidence
 from tjscan.groove.settings import GrooveModel
+from tjscan.laser.profile import Profile
 
 Index = NDArray[np.intp]
 
@@ -159,11 +161,6 @@ def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float,
     return s, along + s * cos - q * sin
 
 
-def bearing_tangents(points: Array) -> Array:
-    """Tangents of bearings of points, shape (..., 2), from the sensor; grow from wall to leg."""
-    return np.asarray(-points[..., 0] / points[..., 1])
-
-
 def end_of_support(support: NDArray[np.bool_]) -> int:
     """Index after the last point around which most points support a side."""
     if not len(support):
@@ -173,33 +170,6 @@ def end_of_support(support: NDArray[np.bool_]) -> int:
     ]
     where = (near > SUPPORT_NEIGHBOURS).nonzero()[0]
     return int(where[-1]) + 1 if len(where) else 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OrderedProfilePoints:
-    """A profile's points, ordered from the wall to the leg.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-        x and z in metres.
-    tangents : ndarray, shape (n,)
-        Their bearings from the sensor, rising.
-    columns : ndarray of int, shape (n,)
-        The sensor's column of each.
-    count : int
-        Columns of the sensor.
-    """
-
-    points: Array
-    tangents: Array
-    columns: Index
-    count: int
-
-    def moved_along_rays(self, away: Array) -> OrderedProfilePoints:
-        """The points moved away from the sensor along their rays, (n,) metres."""
-        rays = self.points / np.linalg.norm(self.points, axis=1)[:, None]
-        return replace(self, points=(self.points + away[:, None] * rays).T.copy().T)
 
 
 class Polyline(NamedTuple):
@@ -328,7 +298,7 @@ class FittedProfile:
     @property
     def points_on_sides(self) -> NDArray[np.bool_]:
         """Points on their sides, shape (n,), with those left out of a fit for their neighbours."""
-        close = OUTLIER_SIGMAS * max(float(np.median(self.sigmas)), LEAST_NOISE)
+        close = OUTLIER_SIGMAS * max(median(self.sigmas.tolist()), LEAST_NOISE)
         return np.asarray(self.keep | (np.abs(self.residuals) < close))
 
 
@@ -338,8 +308,8 @@ class GrooveFit:
 
     Parameters
     ----------
-    row : OrderedProfilePoints
-        The points, on bare steel if a prior was given.
+    row : Profile
+        Its points from the wall to the leg, on bare steel if a prior was given.
     model : GrooveModel
         The likeliest of the groove's forms; k sides.
     fitted : FittedProfile
@@ -365,7 +335,7 @@ class GrooveFit:
         What the profile shows, by itself, of what persists along the groove.
     """
 
-    row: OrderedProfilePoints
+    row: Profile
     model: GrooveModel
     fitted: FittedProfile
     cost: float

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, unit_vectors
 from tjscan.groove.interreflection import PULL_RELATIVE_SIGMA, closeness_to_notch, estimate_pull
 from tjscan.groove.prior import (
     NOTCH_PULLS,
@@ -34,6 +34,7 @@ from tjscan.groove.sides import (
     Polyline,
     corners_between_sides,
 )
+from tjscan.laser.profile import Profile
 
 MISLEADING_FLANK_SHARE: Final = 0.02
 """Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
@@ -368,7 +369,7 @@ def _pull_log_likelihoods(fit: GrooveFit, moved: Array) -> Array:
     """
     row, fitted = fit.row, fit.fitted
     doubtful = np.where(closeness_to_notch(row.points, fitted.corners[-2:]) > 0, moved, 0.0)
-    rows = [row, row.moved_along_rays(-doubtful)] if doubtful.any() else [row]
+    rows = [row, _moved_along_rays(row, -doubtful)] if doubtful.any() else [row]
     likelihood = np.zeros(len(NOTCH_PULLS))
     for one in rows:
         pull, sigma = estimate_pull(one, fitted, fit.model)
@@ -381,6 +382,12 @@ def _pull_log_likelihoods(fit: GrooveFit, moved: Array) -> Array:
         else:
             likelihood += 1 / len(rows)
     return np.log(likelihood)
+
+
+def _moved_along_rays(row: Profile, away: Array) -> Profile:
+    """Points moved away from the sensor along their rays, (n,) metres."""
+    x_s, z_s = (row.points + away[:, None] * unit_vectors(row.points)).T
+    return replace(row, x_s=x_s, z_s=z_s)
 
 
 def _mean_if_present(values: Array, probability: Array) -> float:
@@ -396,7 +403,7 @@ def _fit_moved_points(
     met = corners_between_sides(curves, fit.fitted.corners)
     if met is None or not back.any():
         return fit
-    moved = fit.row.moved_along_rays(back)
+    moved = _moved_along_rays(fit.row, back)
     start = Polyline(curves, met[0], fit.cost)
     again = refine_fit(moved, start, fit.model.sides, tolerance, annealed=False)
     return fit if again is None else replace(fit, row=moved, fitted=again)

@@ -46,7 +46,7 @@ class LaserDescription:
 
 
 @runtime_checkable
-class DescribedLaser(Protocol):
+class SelfDescribingLaser(Protocol):
     """A laser that describes itself; a simulated or a recorded one has nothing to describe."""
 
     def describe(self) -> LaserDescription:

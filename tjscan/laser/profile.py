@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import field
+from functools import partial
 from hashlib import sha256
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, Mask, array_dataclass
 
@@ -25,6 +28,15 @@ class Profile:
         Seconds on the clock of the cell; 0 if the sensor reports none.
     time_uncertainty : float
         How far off the time may be, in seconds: the two clocks are read one after the other.
+    columns : ndarray of int, shape (n,), optional
+        The sensor's column of each point, if not all are here, or in another order.
+    column_count : int, optional
+        How many columns the sensor has, if not all are here.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 2)
+        x and z together, in metres.
     """
 
     x_s: Array
@@ -32,10 +44,18 @@ class Profile:
     intensity: Array | None = None
     time: float = 0.0
     time_uncertainty: float = 0.0
+    columns: NDArray[np.intp] = field(default_factory=partial(np.arange, 0))
+    column_count: int = 0
+    points: Array = field(init=False)
 
     def __post_init__(self) -> None:
         if self.x_s.ndim != 1 or self.x_s.shape != self.z_s.shape:
             raise ValueError(f"x_s {self.x_s.shape} and z_s {self.z_s.shape} are not two columns")
+        if len(self.columns) != len(self.x_s):
+            object.__setattr__(self, "columns", np.arange(len(self.x_s)))
+            object.__setattr__(self, "column_count", len(self.x_s))
+        # Coordinates lie one after the other in memory: sums over all points are quicker.
+        object.__setattr__(self, "points", np.array((self.x_s, self.z_s)).T)
 
     def __len__(self) -> int:
         return len(self.x_s)

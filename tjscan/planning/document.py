@@ -41,15 +41,24 @@ MOST_TABLE_BYTES: Final = 200_000_000
 """A larger table of beads holds no plan."""
 
 FIELD_UNITS: Final = (
-    *(MM, MM2, DEG, MM_PER_MIN, M_PER_MIN, KJ_PER_MM),
-    *(FileUnit("mm3", 1e-9), FileUnit("l", 1e-3), FileUnit("m"), FileUnit("kg"), FileUnit("s")),
+    MM,
+    MM2,
+    DEG,
+    MM_PER_MIN,
+    M_PER_MIN,
+    KJ_PER_MM,
+    FileUnit("mm3", 1e-9),
+    FileUnit("l", 1e-3),
+    FileUnit("m"),
+    FileUnit("kg"),
+    FileUnit("s"),
 )
 """Units that the names of fields end with."""
 
 Entry = TypeVar("Entry", bound=StrictFileModel)
 
 
-class ZoneEntry(StrictFileModel):
+class BeadCountZoneEntry(StrictFileModel):
     """A length of groove with one number of beads."""
 
     begin_mm: float
@@ -224,7 +233,7 @@ class PlanDocument(StrictFileModel):
     stick_out_mm: float
     overlap_mm: float
     interpass_temperature_C: float  # noqa: N815
-    zones: List[ZoneEntry]
+    zones: List[BeadCountZoneEntry]
     beads: List[BeadEntry]
     details: List[DetailEntry]
     out_of_wps: List[FindingEntry]
@@ -262,7 +271,10 @@ def plan_document(
     """
     return _fill_entry(
         PlanDocument,
-        *(plan, plan.edges, plan.wps.torch, plan.wps.sequence),
+        plan,
+        plan.edges,
+        plan.wps.torch,
+        plan.wps.sequence,
         run=run,
         wps=wps,
         provenance=provenance,
@@ -274,7 +286,7 @@ def plan_document(
         gas_l=_file_value("gas_l", plan.gas_volume),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
-            _fill_entry(ZoneEntry, one, beads_in_layers=one.arrangement.counts)
+            _fill_entry(BeadCountZoneEntry, one, beads_in_layers=one.arrangement.counts)
             for one in plan.zones
         ),
         beads=tuple(

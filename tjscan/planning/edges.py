@@ -188,7 +188,7 @@ def fit_groove_edges(
     own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
     edges = fit_edges_to_corners(corners, _corner_sigmas(sections), own / areas, longest_step)
     _check_root_is_seen(sections, edges, longest_step)
-    root = root_along_sections(sections, edges.sections, edges.length, closed=edges.closed)
+    root = root_state_along_sections(sections, edges.sections, edges.length, closed=edges.closed)
     return replace(edges, shared_area_sigma=shared_area_sigma, root=root)
 
 
@@ -230,7 +230,7 @@ def _move_toes_to_area(corners: Array, areas: Array) -> Array:
     return moved
 
 
-def root_along_sections(
+def root_state_along_sections(
     sections: Sequence[MeasuredSection], s: Array, length: float, *, closed: bool
 ) -> RootAlongGroove:
     """The root as sections show it; for one that does not, the sections beside it count.

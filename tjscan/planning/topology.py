@@ -37,8 +37,13 @@ TRIED_FEED_COUNT: Final = 101
 """Number of wire feeds that are tried, evenly over their window."""
 
 WPS_KEYS_IN_CHECK_ORDER: Final = (
-    *("cap_height_mm", "root", "cap", "fill"),
-    *("layer_height_mm", "wire_feed_m_min", "travel_speed_mm_min"),
+    "cap_height_mm",
+    "root",
+    "cap",
+    "fill",
+    "layer_height_mm",
+    "wire_feed_m_min",
+    "travel_speed_mm_min",
 )
 """Keys of the WPS, without their tables, in the order in which an arrangement is checked."""
 

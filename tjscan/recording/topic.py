@@ -211,7 +211,10 @@ PLAIN_CODECS: Final[Mapping[Any, ValueCodec]] = {
         {"type": "object", "properties": {name: {"type": "number"} for name in PROFILE_FIELDS}},
         lambda profile: {name: getattr(profile, name) for name in PROFILE_FIELDS},
         lambda content: Profile(
-            np.empty(0), np.empty(0), None, *(_to_float(content[name]) for name in PROFILE_FIELDS)
+            np.empty(0),
+            np.empty(0),
+            time=_to_float(content["time"]),
+            time_uncertainty=_to_float(content["time_uncertainty"]),
         ),
     ),
 }

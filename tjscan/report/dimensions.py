@@ -41,7 +41,7 @@ CORNER_SEARCH_DISTANCE: Final = 30e-3
 COVERAGE_SIGMAS: Final = 2.0
 """Standard deviations of an uncertainty after ±."""
 
-CLOCK_HOURS: Final = 12
+CLOCK_POSITIONS: Final = 12
 DRAWN_SECTIONS_WITHOUT_CLOCK: Final = 6
 """Sections that are drawn if no clock position is known, evenly chosen."""
 
@@ -112,7 +112,7 @@ def sections_by_the_clock(data: ReportData) -> list[int]:
     off = np.abs(azimuths - hours * DEGREES_PER_HOUR)
     nearest: dict[int, int] = {}
     for k in np.lexsort((azimuths, off)):
-        nearest.setdefault(int(hours[k]) % CLOCK_HOURS, int(k))
+        nearest.setdefault(int(hours[k]) % CLOCK_POSITIONS, int(k))
     if is_closed(data):  # all of a joint is counted from 12 o'clock on
         return [nearest[hour] for hour in sorted(nearest)]
     return sorted(nearest.values(), key=lambda k: float(azimuths[k]))

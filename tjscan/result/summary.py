@@ -43,8 +43,16 @@ LOOP_OPEN_TEXT: Final = (
 Triple = tuple[float, float, float]
 
 SUMMED_SUMMARY_KEYS: Final = (
-    *("scans", "half_steps", "corrections_skipped", "taken_again", "merged", "nudges", "retreats"),
-    *("flange_travel_mm", "flange_rotation_deg", "motion_time_s"),
+    "scans",
+    "half_steps",
+    "corrections_skipped",
+    "taken_again",
+    "merged",
+    "nudges",
+    "retreats",
+    "flange_travel_mm",
+    "flange_rotation_deg",
+    "motion_time_s",
 )
 """Numbers of a stitched groove that are sums over its stations."""
 
@@ -211,7 +219,7 @@ def summarise_stations(
         corner_error_mm=error,
         calibration=", ".join(dict.fromkeys(part.calibration for part in all_parts)),
         stations=tuple(
-            StationSummary(name, *(getattr(part, key) for key in shared))
+            StationSummary(name, **{key: getattr(part, key) for key in shared})
             for name, part in parts.items()
         ),
         scans_per_section=scans / untaught if untaught else None,

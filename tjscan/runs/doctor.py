@@ -19,7 +19,7 @@ from tjscan.groove.section import GrooveSection
 from tjscan.job.cell import Cell, clear_path_planner_of_job
 from tjscan.job.devices import LaserSettings
 from tjscan.job.files import ScanJob, read_scan_job
-from tjscan.laser.line_laser import DescribedLaser
+from tjscan.laser.line_laser import SelfDescribingLaser
 from tjscan.laser.profile import Profile
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, result_frame_of_job
 
@@ -122,7 +122,7 @@ def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
 
         yield (arm := _run_check("arm", connect, cell.arm, f"{job.arm.driver} {job.arm.model}"))
         yield (laser := _run_check("laser", connect, cell.laser, job.laser.device_id))
-        if laser.passed and isinstance(cell.laser, DescribedLaser):
+        if laser.passed and isinstance(cell.laser, SelfDescribingLaser):
             yield _run_check("laser's link", _describe_laser_link, cell.laser)
             yield _run_check("laser's format", lambda device: device.describe().format, cell.laser)
             yield _run_check("laser's range", _compare_laser_range, cell.laser, job.laser)
@@ -201,7 +201,7 @@ def _describe_laser_link(laser: Any) -> str:
     return "; ".join(filter(None, (f"{laser.identity} at {described.link}", described.advice)))
 
 
-def _compare_laser_range(laser: DescribedLaser, table: LaserSettings) -> str:
+def _compare_laser_range(laser: SelfDescribingLaser, table: LaserSettings) -> str:
     """Whether the laser can state every z of the job's measuring range."""
     described = laser.describe()
     wanted = f"{1e3 * table.near:g} to {1e3 * table.far:g} mm"

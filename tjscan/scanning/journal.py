@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,13 +42,6 @@ class ScanEvent(StrEnum):
     FAILED = "failed"
 
 
-RETRY_EVENTS: Final = (
-    *(ScanEvent.TAKEN_AGAIN, ScanEvent.MERGED, ScanEvent.NUDGE),
-    *(ScanEvent.HALF_STEP, ScanEvent.RETREAT),
-)
-"""Events of each kind of retry, in the order of the fields of `RetryCounts`."""
-
-
 @dataclass(frozen=True, slots=True)
 class RetryCounts:
     """How often each kind of retry was made.
@@ -77,7 +70,13 @@ class RetryCounts:
     def of_events(cls, names: Iterable[str]) -> Self:
         """Count the retries among events, by their names."""
         count = Counter(names)
-        return cls(*(count[event] for event in RETRY_EVENTS))
+        return cls(
+            taken_again=count[ScanEvent.TAKEN_AGAIN],
+            merged=count[ScanEvent.MERGED],
+            nudges=count[ScanEvent.NUDGE],
+            half_steps=count[ScanEvent.HALF_STEP],
+            retreats=count[ScanEvent.RETREAT],
+        )
 
 
 class StopReason(StrEnum):

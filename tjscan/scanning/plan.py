@@ -92,7 +92,7 @@ def _likely_change(process: OrdinaryKriging, steps: Array) -> Array:
     return np.asarray(np.abs(change) + sigma)
 
 
-VIEW_DEVIATION_SIGMAS: Final = 2.0
+SIGMAS_ADDED_TO_VIEW_DEVIATION: Final = 2.0
 """Standard deviations that count in addition to the deviation itself."""
 
 
@@ -135,7 +135,7 @@ class CorrectionCriterion(units.SettingsTable):
         sigma : ndarray, shape (6,)
             Their standard deviations.
         """
-        doubt = VIEW_DEVIATION_SIGMAS * sigma
+        doubt = SIGMAS_ADDED_TO_VIEW_DEVIATION * sigma
         return bool(
             np.linalg.norm(off[:3]) + doubt[:3].max() <= self.position
             and abs(off[3]) + doubt[3] <= self.work_angle

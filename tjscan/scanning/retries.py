@@ -15,14 +15,14 @@ from typing import Final
 import numpy as np
 
 from tjscan.core import pose_vector
-from tjscan.core.errors import GrooveNotFound, SetPointRefused, TjscanError
+from tjscan.core.errors import GrooveNotFound, SetPointTooFar, TjscanError
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x
 from tjscan.laser.profile import Profile
 from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest
 from tjscan.scanning.target import ScanDirection
 
-NotRead = (GrooveNotFound, SetPointRefused)
+NotRead = (GrooveNotFound, SetPointTooFar)
 """What another set-point or another step may mend."""
 
 MOST_MISSING_PROFILES: Final = 6
@@ -194,7 +194,7 @@ def view_adjustments(
 
 
 def fallback_set_points(
-    error: GrooveNotFound | SetPointRefused,
+    error: GrooveNotFound | SetPointTooFar,
     to: SetPoint,
     seen: Profile,
     before: ScannedSection,
@@ -205,7 +205,7 @@ def fallback_set_points(
 
     Parameters
     ----------
-    error : GrooveNotFound or SetPointRefused
+    error : GrooveNotFound or SetPointTooFar
         Why nothing was read.
     to : SetPoint
         Where nothing was read.

@@ -148,7 +148,7 @@ class Scanner:
                 return self._end_scan(StopReason.UNREACHABLE, str(error))
             except (errors.GrooveNotFound, errors.JointMoved) as error:
                 return self._end_scan(StopReason.LOST, str(error))
-            except errors.SetPointRefused as error:
+            except errors.SetPointTooFar as error:
                 return self._end_scan(StopReason.REFUSED, str(error))
 
     def _finish_section(self, section: ScannedSection) -> None:
@@ -165,14 +165,14 @@ class Scanner:
 
         Raises
         ------
-        GrooveNotFound, SetPointRefused
+        GrooveNotFound, SetPointTooFar
             If the groove is not read in any of them.
         JointMoved
             If the last section is not where it was.
         PoseUnreachable
             If the step itself leads out of reach, and the shorter ones do not help.
         """
-        lost: errors.GrooveNotFound | errors.SetPointRefused | errors.PoseUnreachable
+        lost: errors.GrooveNotFound | errors.SetPointTooFar | errors.PoseUnreachable
         try:
             return self._step(d_st)
         except retries.NotRead as error:
@@ -233,14 +233,14 @@ class Scanner:
 
         Raises
         ------
-        SetPointRefused
+        SetPointTooFar
             Before anything moves, if the set-point does not fit the step.
         GrooveNotFound
             If no section is read that fits the step.
         PoseUnreachable, LaserFault
             As devices do.
         """
-        lost: errors.GrooveNotFound | errors.SetPointRefused
+        lost: errors.GrooveNotFound | errors.SetPointTooFar
         try:
             return self._read_from_set_point(to, substep, step)
         except retries.NotRead as error:

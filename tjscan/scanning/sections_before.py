@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.core.errors import GrooveNotFound, SetPointRefused
+from tjscan.core.errors import GrooveNotFound, SetPointTooFar
 from tjscan.core.frames import Array, inverse_pose, rotation_angle_between, unit_vector
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.root import BURIED_DEPTH_IN_CHORDS, WELD_IN_ROOT
@@ -50,31 +50,31 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
 
     Raises
     ------
-    SetPointRefused
+    SetPointTooFar
         If it is no pose, too far away, turned too far, or at another stand-off than was planned.
     """
     for name, T in (("T_b_t", to.T_b_t), ("T_s_t", to.T_s_t)):
         if not _is_rigid_pose(T):
-            raise SetPointRefused(f"its {name} is no pose")
+            raise SetPointTooFar(f"its {name} is no pose")
     p_b = to.T_b_t[:3, 3]
     starts = (step.groove_origin_b, step.last.T_b_t[:3, 3])
     away = min(float(np.linalg.norm(p_b - start)) for start in starts)
     if not away <= FARTHEST_SET_POINT_STEPS * step.length:  # a length that is no number allows none
-        raise SetPointRefused(
+        raise SetPointTooFar(
             f"it is {1e3 * away:.1f} mm from the last section, after a step of "
             f"{1e3 * step.length:.1f} mm"
         )
     T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
     turn = rotation_angle_between(step.last.view.T_b_s, T_b_s)
     if turn > step.max_rotation:
-        raise SetPointRefused(
+        raise SetPointTooFar(
             f"it turns the sensor by {np.degrees(turn):.0f}° from the last section, "
             f"{np.degrees(step.max_rotation):.0f}° are plausible for a step of "
             f"{1e3 * step.length:.1f} mm"
         )
     beside = float(np.linalg.norm(to.T_s_t[:3, 3] - (plan.offset, 0.0, plan.standoff)))
     if beside > LARGEST_VIEW_SHIFT:
-        raise SetPointRefused(
+        raise SetPointTooFar(
             f"the groove would appear {1e3 * beside:.1f} mm from where it is planned in the sensor"
         )
 

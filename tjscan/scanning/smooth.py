@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core import pose_vector
-from tjscan.core.errors import SetPointRefused, TubesNotFound
+from tjscan.core.errors import SetPointTooFar, TubesNotFound
 from tjscan.core.frames import Array, cross, inverse_pose, pose, unit_vector
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
 from tjscan.scanning import seam_fit, target
@@ -210,7 +210,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
             _, lagging = _solve_section_and_pose(ahead, plan, section, *later)
             to = replace(lagging, covariance=covariance, straight=False)
             check_set_point(to, StepRequest(last, lagging.T_b_t[:3, 3], step), plan)
-        except (TubesNotFound, SetPointRefused, np.linalg.LinAlgError):
+        except (TubesNotFound, SetPointTooFar, np.linalg.LinAlgError):
             return otherwise(sections, step)
         return to
 

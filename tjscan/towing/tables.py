@@ -75,7 +75,7 @@ class CableSettings(SettingsTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RootSettings(SettingsTable):
+class CableRootSettings(SettingsTable):
     """The table [root]: where the cable begins, for instance at the wire feeder.
 
     Parameters

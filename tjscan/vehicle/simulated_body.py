@@ -150,9 +150,8 @@ class InertialSensors:
         self, settings: InertialSettings, pads: PadSettings, random: np.random.Generator
     ) -> None:
         self._settings, self._pads, self._random = settings, pads, random
-        self._bias, self._tilt = random.standard_normal(2) * (
-            *(settings.gyro_bias, settings.down_bias),
-        )
+        sigmas = settings.gyro_bias, settings.down_bias
+        self._bias, self._tilt = random.standard_normal(2) * sigmas
 
     def read(
         self, before: float, heading: float, period: float

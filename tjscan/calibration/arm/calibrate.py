@@ -238,7 +238,7 @@ def whitened_jacobian(estimate: refine.LeastSquaresEstimate, sigmas: Array) -> A
     """
     stacked = estimate.residuals_in_use
     scale = _parameter_scales(sigmas, len(estimate.target))
-    return refine.whiten_residuals(stacked.covariance_cholesky, stacked.jacobian * scale)
+    return refine.whiten_residuals(stacked.residual_covariance_cholesky, stacked.jacobian * scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,7 +294,7 @@ def leave_one_profile_out(estimate: refine.LeastSquaresEstimate) -> tuple[Array,
         Translation (metres) and rotation (radians) in the axes of f.
     """
     stacked = estimate.residuals_in_use
-    L = stacked.covariance_cholesky
+    L = stacked.residual_covariance_cholesky
     J, r = (
         refine.whiten_residuals(L, stacked.jacobian),
         refine.whiten_residuals(L, stacked.residuals),

@@ -58,7 +58,7 @@ class StackedResiduals:
         return np.asarray((sizes[self.profile] == 3) | (place % 2 == 0))
 
     @property
-    def covariance_cholesky(self) -> Array:
+    def residual_covariance_cholesky(self) -> Array:
         """Lower triangular L, shape (N, N), with L Lᵀ the covariance."""
         return np.asarray(np.linalg.cholesky(self.covariance), dtype=float)
 
@@ -364,7 +364,7 @@ def solve_reweighted(
     """
     for _ in range(rounds):
         first = model.linearise(base, target)
-        L = first.select_profiles(used).covariance_cholesky
+        L = first.select_profiles(used).residual_covariance_cholesky
         fit = _CachedLinearisation(model, base, prior, used[first.profile], L)
         start = np.concatenate((np.zeros(6), target))
         found = least_squares(
@@ -376,7 +376,7 @@ def solve_reweighted(
             break
     stacked = model.linearise(base, target)
     residuals_in_use = stacked.select_profiles(used)
-    L = residuals_in_use.covariance_cholesky
+    L = residuals_in_use.residual_covariance_cholesky
     J = _append_prior(whiten_residuals(L, residuals_in_use.jacobian), prior)
     r = np.concatenate((whiten_residuals(L, residuals_in_use.residuals), prior @ target))
     covariance, dof = covariance_from_information(J.T @ J), len(r) - J.shape[1]
@@ -428,7 +428,7 @@ def refit_targets(model: CombinedModel, estimate: LeastSquaresEstimate) -> Least
     prior, target = estimate.prior_information, estimate.target
     for _ in range(2):
         found = plain.linearise(estimate.T_f_s, target).select_profiles(estimate.used)
-        L = found.covariance_cholesky
+        L = found.residual_covariance_cholesky
         J, r = whiten_residuals(L, found.jacobian[:, 6:]), whiten_residuals(L, found.residuals)
         target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)
     return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))

@@ -34,7 +34,7 @@ GEOMETRY_ERROR_GRID: Final = (2e-5, 2e-3, 25)
 """Metres from and to, and steps: from less than an arm repeats to more than any arm is off."""
 PARAMETER_RIDGE: Final = 1e-12
 """Share of a parameter's information: far less than any measurement gives."""
-MIN_COST_DROP: Final = float(chdtri(1, 2 * refine.FALSE_ALARM_PROBABILITY))
+MIN_COST_DROP_FOR_LARGER_ERROR: Final = float(chdtri(1, 2 * refine.FALSE_ALARM_PROBABILITY))
 """Fall of the cost that a larger geometry error must bring: twice a logarithm of likelihoods,
 chi-square with one degree of freedom, and half the time no larger error fits better by chance."""
 
@@ -133,14 +133,15 @@ def most_likely_geometry_error(
     geometry : float
         Metres; `stated` if a larger one explains no more than chance does.
     cost : float
-        Minus twice its restricted log-likelihood, and `MIN_COST_DROP` for the one more unknown.
+        Minus twice its restricted log-likelihood, and `MIN_COST_DROP_FOR_LARGER_ERROR` for the one
+        more unknown.
     """
     tried = np.concatenate(([stated], np.geomspace(*GEOMETRY_ERROR_GRID)))
     tried = tried[tried >= stated]
     costs = _geometry_error_costs(estimate, tried)
     best = int(np.argmin(costs))
-    if costs[best] + MIN_COST_DROP < costs[0]:
-        return float(tried[best]), float(costs[best] + MIN_COST_DROP)
+    if costs[best] + MIN_COST_DROP_FOR_LARGER_ERROR < costs[0]:
+        return float(tried[best]), float(costs[best] + MIN_COST_DROP_FOR_LARGER_ERROR)
     return stated, float(costs[0])
 
 

@@ -13,7 +13,7 @@ from scipy.special import chdtri
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import consensus
-from tjscan.calibration.targets.line import distances_from_line
+from tjscan.calibration.targets.line import offsets_from_fitted_line
 from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, Mask, array_dataclass, pose, readonly_copy, skew_matrix
@@ -126,9 +126,9 @@ def _check_curvature(points: Array, inlier: Mask, noise: NoiseModel) -> None:
     off_circle = _distances_from_circle(span, _fit_algebraically(points[inlier]))
     sigma = consensus.inlier_scatter(off_circle, noise.range)
     straight = consensus.refit_and_trim(
-        lambda m: distances_from_line(span, m), np.ones(len(span), dtype=bool), sigma
+        lambda m: offsets_from_fitted_line(span, m), np.ones(len(span), dtype=bool), sigma
     )
-    off_line = distances_from_line(span, straight)
+    off_line = offsets_from_fitted_line(span, straight)
     circle_cost, line_cost = (
         np.minimum((off / sigma) ** 2, consensus.OUTLIER_SIGMAS**2).sum()
         for off in (off_circle, off_line)

@@ -133,11 +133,11 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
         )
     pairs = points[consensus.sample_index_sets(len(points), 2)]
     inlier = consensus.find_inliers(
-        points, lines_through_pairs(pairs), distances_from_lines, noise.range
+        points, lines_through_pairs(pairs), offsets_from_lines, noise.range
     )
     if inlier.any():
         inlier = consensus.refit_and_trim(
-            lambda m: distances_from_line(points, m), inlier, noise.range
+            lambda m: offsets_from_fitted_line(points, m), inlier, noise.range
         )
     if inlier.sum() < max(consensus.MIN_CURVE_POINTS, MIN_LINE_SHARE * len(points)):
         raise CalibrationRefused(
@@ -159,12 +159,12 @@ def lines_through_pairs(pairs: Array) -> Array:
     return np.column_stack((normal, np.einsum("ij,ij->i", normal, pairs[apart, 0])))
 
 
-def distances_from_lines(points: Array, lines: Array) -> Array:
+def offsets_from_lines(points: Array, lines: Array) -> Array:
     """Signed distances of points, shape (n, 2), from lines (normal, offset), shape (k, n)."""
     return np.asarray(lines[:, :2] @ points.T - lines[:, 2:])
 
 
-def distances_from_line(points: Array, inlier: Mask) -> Array:
+def offsets_from_fitted_line(points: Array, inlier: Mask) -> Array:
     """Signed distances of points, shape (n, 2), from the line through those of a mask, metres."""
     centre, direction = _centroid_and_direction(points[inlier])
     return np.asarray((points - centre) @ np.array((-direction[1], direction[0])))

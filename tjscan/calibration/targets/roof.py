@@ -14,9 +14,9 @@ from tjscan.calibration.targets.line import (
     MIN_LINE_LENGTH,
     LineFit,
     describe_line,
-    distances_from_line,
-    distances_from_lines,
     lines_through_pairs,
+    offsets_from_fitted_line,
+    offsets_from_lines,
     stack_lines,
 )
 from tjscan.calibration.targets.plane import (
@@ -122,10 +122,10 @@ def _most_crowded_line(points: Array, sigma: float) -> Mask:
         for j in anchors[k + 1 : k + 1 + TRIAL_LINES_PER_ANCHOR]
     ]
     lines = lines_through_pairs(points[np.array(pairs)])
-    line = consensus.find_inliers(points, lines, distances_from_lines, sigma, FLANK_SCORED_POINTS)
+    line = consensus.find_inliers(points, lines, offsets_from_lines, sigma, FLANK_SCORED_POINTS)
     if line.sum() < consensus.MIN_CURVE_POINTS:
         return line
-    return consensus.refit_and_trim(lambda m: distances_from_line(points, m), line, sigma)
+    return consensus.refit_and_trim(lambda m: offsets_from_fitted_line(points, m), line, sigma)
 
 
 def _roof_of_lines(profile: Profile, a: LineFit, b: LineFit) -> RoofFit | None:

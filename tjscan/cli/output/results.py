@@ -21,7 +21,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.files.read import flip_heights
-from tjscan.laser.line_laser import DescribedLaser, LineLaser
+from tjscan.laser.line_laser import LineLaser, SelfDescribingLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import (
     ProfileReading,
@@ -167,7 +167,7 @@ def print_laser_description(laser: LineLaser) -> None:
     """Print on stderr the identity of a laser and the data that it sends, as far as known."""
     if laser.identity:
         print_message(str(laser.identity))
-    if isinstance(laser, DescribedLaser):
+    if isinstance(laser, SelfDescribingLaser):
         described = laser.describe()
         for line in (described.link, described.format, described.advice):
             if line:

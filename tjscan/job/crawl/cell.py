@@ -55,7 +55,7 @@ class SimulatedWeld:
     welded: list[list[float]] = field(default_factory=list)
     _arc_burned_before: bool = False
 
-    def place(self, ahead: float) -> tuple[float, float, float]:
+    def pose_ahead(self, ahead: float) -> tuple[float, float, float]:
         """x, y and heading of a point ahead of the vehicle's centre, in frame w."""
         T = self.pose()
         heading = float(np.arctan2(T[1, 0], T[0, 0]))
@@ -64,18 +64,18 @@ class SimulatedWeld:
 
     def torch_place(self) -> tuple[float, float]:
         """Where the torch's zero truly is: along the joint, and to the right of it, metres."""
-        x, y, _ = self.place(-self.job.vehicle.centre_to_torch)
+        x, y, _ = self.pose_ahead(-self.job.vehicle.centre_to_torch)
         return place_beside_joint(self.world.joint, x, y)
 
     def simulated_place(self) -> SimulatedPlace:
         """True place of the vehicle and of its torch."""
-        return SimulatedPlace(self.place(0.0), self.torch_place())
+        return SimulatedPlace(self.pose_ahead(0.0), self.torch_place())
 
     def view(self) -> tuple[Array, SectionLaserPose]:
         """Section below the laser, and the laser's pose over it."""
         self._weld_below_torch()
         vehicle, joint = self.job.vehicle, self.world.joint
-        place = self.place(vehicle.laser_to_torch - vehicle.centre_to_torch)
+        place = self.pose_ahead(vehicle.laser_to_torch - vehicle.centre_to_torch)
         along, offset = laser_offset(joint, *place)
         relative = place[2] - joint_line_pose(joint, along)[2]
         passes = sum(start <= along <= end for start, end in self.welded)

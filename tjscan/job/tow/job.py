@@ -142,7 +142,7 @@ class TowJob(StrictFileModel):
 
     method: Literal["ours", "paper"] = "ours"
     cable: tables.CableSettings = tables.CableSettings()
-    root: tables.RootSettings = tables.RootSettings()
+    root: tables.CableRootSettings = tables.CableRootSettings()
     vehicles: VehiclesSettings = VehiclesSettings()
     area: tables.AreaSettings
     seam: tables.SeamSettings

@@ -233,7 +233,10 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     )
     plane = plane_through_point(truth.T[:3, 3], truth.T[:3, 2])
     return cell, SimulatedTouchProbe(
-        *(cell.arm, np.array(board.probe_tip), board.T, plane),
+        cell.arm,
+        np.array(board.probe_tip),
+        board.T,
+        plane,
         sigma=truth.touch,
         approach=board.approach,
         rng=np.random.default_rng([simulation.seed, PROBE_RANDOM_STREAM]),

@@ -152,10 +152,20 @@ def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
 
 
 RESUMABLE_KEYS: Final = (
-    *(f"scan.{key}" for key in ("length_mm", "sections", "step_mm", "prediction_case")),
-    *(f"scan.{key}" for key in ("resume_tolerance_mm", "skip.", "adaptive.")),
-    *(f"arm.{key}" for key in ("uncertainty.", "speed_mm_s", "acceleration_mm_s2", "ur.")),
-    *("laser.uncertainty.", "clearance.", "simulation."),
+    "scan.length_mm",
+    "scan.sections",
+    "scan.step_mm",
+    "scan.prediction_case",
+    "scan.resume_tolerance_mm",
+    "scan.skip.",
+    "scan.adaptive.",
+    "arm.uncertainty.",
+    "arm.speed_mm_s",
+    "arm.acceleration_mm_s2",
+    "arm.ur.",
+    "laser.uncertainty.",
+    "clearance.",
+    "simulation.",
 )
 """Keys that may change while a scan goes on."""
 

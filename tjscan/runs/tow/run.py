@@ -84,9 +84,13 @@ class TowContext(run.JobContext[TowJob]):
 
 def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal) -> CableTow:
     """Make the loop of a job for a cell whose devices are connected."""
-    line, obstacles = Seam(job.seam), cell.obstacles
     setting = TowSetup(
-        *(job.chain, job.team, line, job.localisation, job.following, obstacles),
+        job.chain,
+        job.team,
+        Seam(job.seam),
+        job.localisation,
+        job.following,
+        cell.obstacles,
         clearance=job.limits.vehicle_clearance,
         vehicle_force=job.vehicles.force,
     )
