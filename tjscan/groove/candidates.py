@@ -66,6 +66,8 @@ ROUGH_REACH_SIGMAS: Final = 2.0
 """How far the points of a rough side lie off it, in standard deviations of its residuals."""
 
 _KIND_BENDS: Final = np.array([kind.bend for kind in CANDIDATE_KINDS])
+_KIND_UNEVENNESS: Final = np.array([kind.unevenness for kind in CANDIDATE_KINDS])
+_KIND_SEED_POINTS: Final = np.array([[kind.seed_points] for kind in CANDIDATE_KINDS])
 _HANKEL_INDEX: Final = np.add.outer(np.arange(3), np.arange(3))
 
 
@@ -144,21 +146,17 @@ def propose_candidates(points: ProjectivePoints, pieces: Pieces) -> CandidateSid
     """
     variance = NOISE_INFLATION * points.noise**2
     counts = pieces.stop - pieces.first
-    found: list[tuple[int, NDArray[np.bool_]]] = []
-    for kind, known in enumerate(CANDIDATE_KINDS):
-        members = []
-        if known.seed_points:
-            seeds = np.flatnonzero(counts >= known.seed_points)
-            members.append(_grow_seeds(pieces, seeds, known, variance))
-        if known.range_reach:
-            members.append(_best_ranges(pieces, known, variance))
-        every = np.unique(np.concatenate(members), axis=0)
-        every = every[np.argsort(-(every @ counts), kind="stable")[:MOST_CANDIDATES]]
-        found.append((kind, every))
-    kinds = np.array([kind for kind, _ in found]).repeat([len(m) for _, m in found])
-    member = np.concatenate([m for _, m in found])
+    # Each set of pieces once for each kind, the ones of most points first.
+    every = np.concatenate([_grow_seeds(pieces, variance), _best_ranges(pieces, variance)])
+    once = sorted({row.tobytes() for row in every})
+    every = np.frombuffer(b"".join(once), dtype=np.uint8).reshape(len(once), -1)
+    every = every[np.lexsort((-(every[:, 1:] @ counts), every[:, 0]))]
+    places = np.arange(len(every)) - every[:, 0].searchsorted(every[:, 0])
+    every = every[places < MOST_CANDIDATES]
+    kinds, member = every[:, 0].astype(np.intp), every[:, 1:].astype(np.bool_)
     sums = member @ pieces.moments
-    coefficients, _, error = _fit_sums(sums, _KIND_BENDS[kinds], variance)
+    coefficients, _ = _fit_sums(sums, _KIND_BENDS[kinds], variance)
+    error = _squared_errors(sums, coefficients)
     first = member.argmax(axis=1)
     last = member.shape[1] - 1 - member[:, ::-1].argmax(axis=1)
     return CandidateSides(
@@ -170,28 +168,32 @@ def propose_candidates(points: ProjectivePoints, pieces: Pieces) -> CandidateSid
     )
 
 
-def _grow_seeds(
-    pieces: Pieces, seeds: Index, known: CandidateKind, variance: float
-) -> NDArray[np.bool_]:
-    """Pieces that continue each of some pieces, shape (m, P), with these."""
-    member = np.zeros((len(seeds), len(pieces.first)), dtype=np.bool_)
-    member[np.arange(len(seeds)), seeds] = True
-    probes, heights = pieces.probes.ravel(), pieces.heights.ravel()
-    steep, _ = _steepness_and_height(pieces.moments[seeds])
+def _grow_seeds(pieces: Pieces, variance: float) -> NDArray[np.uint8]:
+    """Kind, and which pieces continue one that is a seed, with it, shape (m, 1 + P)."""
+    points = pieces.stop - pieces.first
+    kind, seed = ((points >= _KIND_SEED_POINTS) & (_KIND_SEED_POINTS > 0)).nonzero()
+    count = len(points)
+    member = np.zeros((len(seed), count), dtype=np.bool_)
+    member[np.arange(len(seed)), seed] = True
+    # The first place of each piece, then the second of each.
+    probes, heights = pieces.probes.T.ravel(), pieces.heights.T.ravel()
+    steep, _ = _steepness_and_height(pieces.moments[seed])
     powers = np.array((np.ones_like(probes), probes, probes**2))
     pairs = (powers[:, None] * powers[None]).reshape(9, -1)
     # What a difference of y is square to the curve, in metres.
     scale = 1 / (heights * steep[:, None])
-    counts = (pieces.stop - pieces.first).repeat(2)
-    own = 2 * variance / counts * (heights**2 * scale) ** 2 + known.unevenness**2
-    growing = np.arange(len(seeds))
+    own = 2 * variance / np.tile(points, 2) * (heights**2 * scale) ** 2
+    own += _KIND_UNEVENNESS[kind][:, None] ** 2
+    growing = np.arange(len(seed))
     for _ in range(MOST_GROWTH_ROUNDS):
         now = member[growing]
-        coefficients, inverse, _ = _fit_sums(now @ pieces.moments, known.bend, variance)
+        coefficients, inverse = _fit_sums(
+            now @ pieces.moments, _KIND_BENDS[kind[growing]], variance
+        )
         off = ((coefficients @ powers - heights) * scale[growing]) ** 2
         doubt = variance * np.maximum(inverse.reshape(-1, 9) @ pairs, 0.0) * scale[growing] ** 2
         score = off / (doubt + own[growing])
-        score, off, doubt = (v.reshape(*now.shape, 2).max(axis=2) for v in (score, off, doubt))
+        score, off, doubt = (np.maximum(v[:, :count], v[:, count:]) for v in (score, off, doubt))
         fits = (score < CONTINUING_SIGMAS**2) & ~now
         added = fits & (doubt < SURE_PREDICTION**2)
         likely = fits & (np.maximum(doubt, off) < LIKELY_PREDICTION**2)
@@ -202,11 +204,11 @@ def _grow_seeds(
         growing = growing[added.any(axis=1)]
         if not len(growing):
             break
-    return member
+    return np.column_stack((kind.astype(np.uint8), member))
 
 
-def _best_ranges(pieces: Pieces, known: CandidateKind, variance: float) -> NDArray[np.bool_]:
-    """Neighbouring pieces that one rough curve explains best, shape (m, P).
+def _best_ranges(pieces: Pieces, variance: float) -> NDArray[np.uint8]:
+    """Kind, and which neighbouring pieces one rough curve explains best, shape (m, 1 + P).
 
     Of all ranges that begin, or end, at the same piece each explains most.
     """
@@ -215,16 +217,20 @@ def _best_ranges(pieces: Pieces, known: CandidateKind, variance: float) -> NDArr
     start, stop = np.array((start, stop))[:, stop - start <= MOST_RANGE_PIECES]
     through = np.concatenate((np.zeros((1, 9)), pieces.moments.cumsum(axis=0)))
     sums = through[stop] - through[start]
-    _, _, error = _fit_sums(sums, known.bend, variance)
     points = np.concatenate(([0], (pieces.stop - pieces.first).cumsum()))
-    gain = np.full((count, count + 1), -np.inf)
-    gain[start, stop] = points[stop] - points[start]
-    gain[start, stop] -= error / known.range_reach**2
-    best = (gain == gain.max(axis=0)) & (gain == gain.max(axis=1)[:, None]) & (gain > 0)
-    start, stop = best.nonzero()
-    index = np.arange(count)
-    member: NDArray[np.bool_] = (start[:, None] <= index) & (index < stop[:, None])
-    return member
+    index, found = np.arange(count), []
+    for kind, known in enumerate(CANDIDATE_KINDS):
+        if not known.range_reach:
+            continue
+        coefficients, _ = _fit_sums(sums, known.bend, variance)
+        gain = np.full((count, count + 1), -np.inf)
+        gain[start, stop] = points[stop] - points[start]
+        gain[start, stop] -= _squared_errors(sums, coefficients) / known.range_reach**2
+        best = (gain == gain.max(axis=0)) & (gain == gain.max(axis=1)[:, None]) & (gain > 0)
+        a, b = (place[:, None] for place in best.nonzero())
+        own = np.full_like(a, kind, dtype=np.uint8)
+        found.append(np.concatenate((own, (a <= index) & (index < b)), axis=1))
+    return np.concatenate(found)
 
 
 def _steepness_and_height(sums: Array) -> tuple[Array, Array]:
@@ -235,17 +241,21 @@ def _steepness_and_height(sums: Array) -> tuple[Array, Array]:
     return np.hypot(u * slope - y, slope), y
 
 
-def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array, Array, Array]:
+def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array, Array]:
     """Fit parabolas to points of given moments, shape (K, 9).
 
-    Coefficients, shape (K, 3), inverse normal matrices, shape (K, 3, 3), and squared errors square
-    to the curves, (K,), in m².
+    Coefficients, shape (K, 3), and inverse normal matrices, shape (K, 3, 3).
     """
     steep, height = _steepness_and_height(sums)
     normal = sums[:, _HANKEL_INDEX]
     # A bend of c2 metres per square metre is c2 (steep / y)³ in (u, y).
     normal[:, 2, 2] += variance * (height / steep) ** 6 / bend**2
     inverse = np.asarray(np.linalg.inv(normal), dtype=float)
-    coefficients = (inverse @ sums[:, 5:8, None])[..., 0]
+    return np.asarray((inverse @ sums[:, 5:8, None])[..., 0]), inverse
+
+
+def _squared_errors(sums: Array, coefficients: Array) -> Array:
+    """Squared errors of parabolas square to them, shape (K,), in m²."""
+    steep, height = _steepness_and_height(sums)
     error = sums[:, 8] - (coefficients * sums[:, 5:8]).sum(axis=1)
-    return coefficients, inverse, np.maximum(error, 0.0) * (height / steep) ** 2
+    return np.asarray(np.maximum(error, 0.0) * (height / steep) ** 2)

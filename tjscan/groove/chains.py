@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.candidates import (
@@ -135,9 +134,12 @@ class ChainSearch:
         self._corners = _intersect_candidates(points, candidates)
         own = np.arange(len(reach))
         before, after = (own[:, None], self._corners.place), (own, self._corners.place)
-        self._support_before, self._support_after = support[before], support[after]
-        left, behind = support[:, -1] - self._support_after, paid.shape[1] - self._corners.place
-        self._begins = self._support_before >= np.maximum(
+        places = self._corners.place, self._corners.x, self._corners.z
+        self._before = np.stack((*places, support[before]), axis=-1)
+        self._after = np.stack((*places, support[after]), axis=-1)
+        left = support[:, -1] - self._after[..., 3]
+        behind = paid.shape[1] - self._corners.place
+        self._begins = self._before[..., 3] >= np.maximum(
             LEAST_SUPPORT_SHARE * self._corners.place, FEWEST_OUTER_POINTS
         )
         self._ends = left >= np.maximum(LEAST_SUPPORT_SHARE * behind, FEWEST_OUTER_POINTS)
@@ -150,7 +152,7 @@ class ChainSearch:
         layers = [
             np.concatenate([self._kinds[k] for k in kinds]) for kinds in kinds_of_sides(model)
         ]
-        joints = []
+        chains, costs = np.empty((1, 0), dtype=np.intp), np.empty(0)
         for i, bounds in enumerate(model.turns):
             pair = layers[i][:, None], layers[i + 1]
             turn = self._corners.before[pair] - self._corners.after[pair]
@@ -159,25 +161,21 @@ class ChainSearch:
                 allowed &= self._begins[pair]
             if i == len(model.turns) - 1:
                 allowed &= self._ends[pair]
-            if not allowed.any():
-                return []
-            joints.append(np.where(allowed, self._pay[pair], np.inf))
-        value, choices = joints[0], []
-        for k, side in enumerate(model.sides[1:-1], 1):
-            fits = self._fits_between(layers[k - 1 : k + 2], side)
-            total = np.where(fits, value[:, :, None], np.inf) + joints[k]
-            if k < len(joints) - 1:
-                choices.append(total.argmin(axis=0))
-                value = total.min(axis=0)
-        total += self._total[layers[-1]]
-        order = np.argsort(total, axis=None)[:MOST_CHAINS_COMPARED]
-        order = order[total.ravel()[order] < np.inf]
-        if not len(order):
+            first, second = allowed.nonzero()
+            joint = np.array((layers[i][first], layers[i + 1][second]))
+            if i == 0:
+                chains, costs = joint, self._pay[tuple(joint)]
+                continue
+            chains, costs, number = self._lengthen_chains(chains, costs, joint, model.sides[i])
+            if i < len(model.turns) - 1:
+                # Of those with the same last two sides the cheapest goes on.
+                order = np.lexsort((costs, number))
+                order = order[np.diff(number[order], prepend=-1) > 0]
+                chains, costs = chains[:, order], costs[order]
+        if not len(costs):
             return []
-        chosen = list(np.unravel_index(order, total.shape))
-        for choice in reversed(choices):
-            chosen.insert(0, choice[chosen[0], chosen[1]])
-        chains = np.array([layer[own] for layer, own in zip(layers, chosen, strict=True)]).T
+        costs += self._total[chains[-1]]
+        chains = chains[:, np.argsort(costs)[:MOST_CHAINS_COMPARED]].T
         pair = chains[:, :-1], chains[:, 1:]
         across = self._corners.before[pair][:, 0] - self._corners.after[pair][:, -1]
         costs = np.where(
@@ -208,14 +206,19 @@ class ChainSearch:
         sides = np.take_along_axis(chains, number, axis=1)
         return self._runs.total_cost(self._costs[sides, own])
 
-    def _fits_between(self, layers: list[Index], side: SideModel) -> NDArray[np.bool_]:
-        """Whether a candidate fits between two neighbours as such a side, shape (m1, m2, m3)."""
-        a, b, c = layers
-        before, after, corners = (a[:, None], b), (b[:, None], c), self._corners
-        span = corners.place[after] - corners.place[before][:, :, None]
-        support = self._support_before[after] - self._support_after[before][:, :, None]
-        x = corners.x[after] - corners.x[before][:, :, None]
-        z = corners.z[after] - corners.z[before][:, :, None]
+    def _lengthen_chains(
+        self, chains: Index, costs: Array, joint: Index, side: SideModel
+    ) -> tuple[Index, Array, Index]:
+        """Chains, shape (k, m), that end with pairs `joint`, (2, p), their costs, and which pairs.
+
+        The last side of the chains so far, shape (k - 1, ...), has to fit as such a side.
+        """
+        start = joint[0].searchsorted(chains[-1])
+        count = joint[0].searchsorted(chains[-1], side="right") - start
+        own = np.arange(len(costs)).repeat(count)
+        pair = np.arange(len(own)) + (start - count.cumsum() + count).repeat(count)
+        a, (b, c) = chains[-2, own], joint[:, pair]
+        span, x, z, support = (self._before[b, c] - self._after[a, b]).T
         square = x * x + z * z
         fits = (
             (span > 0) & (support >= LEAST_SUPPORT_SHARE * span) & (support >= FEWEST_INNER_POINTS)
@@ -224,9 +227,11 @@ class ChainSearch:
         fits &= square < (side.longest / SIDE_LENGTH_SLACK) ** 2
         if side.bead:
             chord = np.arctan2(z, -x)
-            fits &= corners.before[before][:, :, None] - chord > LEAST_FACE_TURN
-            fits &= chord - corners.after[after] > LEAST_FACE_TURN
-        return np.asarray(fits)
+            fits &= self._corners.before[a, b] - chord > LEAST_FACE_TURN
+            fits &= chord - self._corners.after[b, c] > LEAST_FACE_TURN
+        own, pair = own[fits], pair[fits]
+        longer = np.concatenate((chains[:, own], joint[1:, pair]))
+        return longer, costs[own] + self._pay[longer[-2], longer[-1]], pair
 
 
 def kinds_of_sides(model: GrooveModel) -> list[tuple[int, ...]]:

@@ -163,16 +163,6 @@ class GroovePrior:
             frozenset(one.form for one, _ in sections[-SECTIONS_ASKED_FOR_FORM:] if one.form),
         )
 
-    @property
-    def knows_bends(self) -> bool:
-        """Whether anything is known of how wall or leg bends."""
-        return bool(np.isfinite(self.bend_sigmas).any())
-
-    @property
-    def without_bends(self) -> GroovePrior:
-        """The same, with nothing known of how wall and leg bend."""
-        return replace(self, bends=np.zeros(2), bend_sigmas=np.full(2, inf))
-
     def expected_model(self, model: GrooveModel) -> GrooveModel:
         """A groove's model, and its alternatives, with what is known of their form and bends."""
         sides = list(model.sides)

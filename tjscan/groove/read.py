@@ -138,9 +138,10 @@ def _fit_on_steel(row: Profile, settings: GrooveSettings, prior: GroovePrior | N
         if not _contradicts_bends(fit):
             return fit_bare_steel(fit, prior, settings.support_tolerance)
     except GrooveNotFound:
-        if not prior.knows_bends:
+        if not np.isfinite(prior.bend_sigmas).any():
             raise
-    return _fit_on_steel(row, settings, prior.without_bends)
+    unbent = replace(prior, bends=np.zeros(2), bend_sigmas=np.full(2, np.inf))
+    return _fit_on_steel(row, settings, unbent)
 
 
 def _contradicts_bends(fit: GrooveFit) -> bool:

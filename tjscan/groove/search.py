@@ -7,7 +7,6 @@ their points and sides cost.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from math import atan2, degrees, pi, radians
@@ -153,7 +152,9 @@ class _FitSearch:
         """Refine a chain; None if it fits no points, or leads to a fit that is known."""
         known = [fit.fitted.corners for fit in self.found if fit.model is model]
         fit = self._fit(model, start, known)
-        if fit is None or _is_near(fit.fitted.corners, known, SAME_FIT_DISTANCE):
+        if fit is None or any(
+            np.abs(fit.fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known
+        ):
             return None
         fit = replace(fit, objection=_reason_to_reject(fit, self._settings))
         self.found.append(fit)
@@ -234,11 +235,6 @@ def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, toleran
     reach, less = np.array((reach, less)).repeat(np.diff(fitted.edges), axis=1)
     scaled = fitted.residuals / reach
     return np.asarray(np.minimum(scaled * scaled + less, 1))
-
-
-def _is_near(corners: Array, others: Iterable[Array], distance: float) -> bool:
-    """Whether corners differ by less than a distance from some others."""
-    return any(np.abs(corners - other).max() < distance for other in others)
 
 
 def _turn_between(before: ArrayLike, after: ArrayLike) -> float:

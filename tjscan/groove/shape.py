@@ -8,7 +8,6 @@ their corners.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import hypot, sqrt
 from statistics import median
 from typing import Final
@@ -81,26 +80,9 @@ rises twice as steeply from its toes as a parabola does is off by a seventh."""
 _MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over a mean's
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShapeErrors:
-    """Errors of corners in metres because k sides are not shaped as modelled.
-
-    Parameters
-    ----------
-    shift : ndarray, shape (k - 1, 2)
-        For each corner of the side before and of the side after it: how far the surface is
-        likely to be behind the fitted side.
-    sigma : ndarray, shape (k - 1, 2)
-        Standard deviation about that, beyond what noise explains.
-    """
-
-    shift: Array
-    sigma: Array
-
-
 def estimate_shape_errors(
     row: Profile, fitted: FittedProfile, model: tuple[SideModel, ...]
-) -> ShapeErrors:
+) -> tuple[Array, Array]:
     """Estimate what the sides' shapes add to the errors of their corners.
 
     Where points beside a corner leave a side together, either the surface does, and the corner
@@ -114,6 +96,14 @@ def estimate_shape_errors(
         k sides, whose noise is known.
     model : tuple of SideModel
         What they are like.
+
+    Returns
+    -------
+    ndarray, shape (k - 1, 2)
+        For each corner of the side before and of the side after it: how far the surface is
+        likely to be behind the fitted side, in metres.
+    ndarray, shape (k - 1, 2)
+        Standard deviation about that, beyond what noise explains, in metres.
     """
     slow = undulation_sigmas(fitted)
     left = departures_beside_corners(fitted, model)
@@ -121,10 +111,10 @@ def estimate_shape_errors(
     for k, side in enumerate(model):
         if side.bead:
             pull, own = find_pull(row, fitted, k), slice(k - 1, k + 1)
-            pulled = _errors_if_pulled_in(fitted, k, pull)
+            pulled_shift, pulled_sigma = _errors_if_pulled_in(fitted, k, pull)
             # What a pull explains leaves its side for no other reason.
-            shift[own] = (1 - pull.probability) * shift[own] + pulled.shift
-            sigma[own] = np.hypot((1 - pull.probability) * sigma[own], pulled.sigma)
+            shift[own] = (1 - pull.probability) * shift[own] + pulled_shift
+            sigma[own] = np.hypot((1 - pull.probability) * sigma[own], pulled_sigma)
     slow = np.hypot(slow, _patch_sigmas(fitted))
     sigma = np.hypot(sigma, np.column_stack((slow[:-1], slow[1:])))
     gaps = gaps_beside_corners(fitted)
@@ -143,7 +133,7 @@ def estimate_shape_errors(
             )
             free = np.hypot(FACE_END_SHARE * bow, slope * beyond)
             sigma[(k - 1, k), (1, 0)] = np.hypot(sigma[(k - 1, k), (1, 0)], free)
-    return ShapeErrors(shift, sigma)
+    return shift, sigma
 
 
 def _unseen_side_shares(fitted: FittedProfile, gaps: Array) -> Array:
@@ -261,7 +251,7 @@ def _has_jump(residuals: Array) -> bool:
     return bool(np.abs(np.diff(middle)).max(initial=0.0) > LARGEST_STEP_ON_SURFACE)
 
 
-def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
+def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> tuple[Array, Array]:
     """Errors of a bead's heights at its two corners, shape (2, 2), if light may pull it in.
 
     A fillet of steel looks the same: then the corners are where they are seen.
@@ -277,7 +267,7 @@ def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> Shap
         square = probability * (spread**2 + inward**2) - (probability * inward) ** 2
         shift[i, 1 - i] = probability * inward * lower
         sigma[i, 1 - i] = sqrt(square) * lower
-    return ShapeErrors(shift, sigma)
+    return shift, sigma
 
 
 def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
@@ -328,13 +318,13 @@ def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
     # Sides are fitted apart from each other.
     parts = jacobian.reshape(2 * k, k, 4).transpose(1, 0, 2)
     covariance = (parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0)
-    errors = estimate_shape_errors(fit.row, fitted, fit.model.sides)
+    shift, sigma = estimate_shape_errors(fit.row, fitted, fit.model.sides)
     corners = fitted.corners.copy()
-    for i, j in zip(*errors.sigma.nonzero(), strict=True):
+    for i, j in zip(*sigma.nonzero(), strict=True):
         moves = jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
-        corners[i] += errors.shift[i, j] * moves
+        corners[i] += shift[i, j] * moves
         own = slice(2 * i, 2 * i + 2)
-        covariance[own, own] += errors.sigma[i, j] ** 2 * np.outer(moves, moves)
+        covariance[own, own] += sigma[i, j] ** 2 * np.outer(moves, moves)
     return corners, np.asarray(covariance)
 
 

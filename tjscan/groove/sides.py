@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot, nan, sqrt
+from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -297,7 +298,7 @@ class FittedProfile:
     @property
     def points_on_sides(self) -> NDArray[np.bool_]:
         """Points on their sides, shape (n,), with those left out of a fit for their neighbours."""
-        close = OUTLIER_SIGMAS * max(float(np.median(self.sigmas)), LEAST_NOISE)
+        close = OUTLIER_SIGMAS * max(median(self.sigmas.tolist()), LEAST_NOISE)
         return np.asarray(self.keep | (np.abs(self.residuals) < close))
 
 
