@@ -406,8 +406,7 @@ class _CachedLinearisation:
 
     def _residuals_and_jacobian(self, theta: Array) -> tuple[Array, Array]:
         if not np.array_equal(theta, self._at):
-            T_f_s = boxplus(self._base, theta[:6])
-            found = self._model.residuals_and_jacobian(T_f_s, theta[6:])
+            found = self._model.residuals_and_jacobian(boxplus(self._base, theta[:6]), theta[6:])
             self._at, self._found = theta.copy(), found
         return self._found
 
