@@ -71,7 +71,7 @@ FEWEST_AT_CORNER: Final = 2
 UNREACHED_CORNER_COST: Final = 4.0
 """What a side whose points end before its corner costs, in outliers: reflections often do."""
 
-LEAST_SEEN_SHARE: Final = 0.25
+LEAST_SHARE_ON_SIDE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
 STRAIGHT_UNDULATION: Final = 0.08e-3
@@ -252,7 +252,7 @@ def _is_convincing(found: GrooveFit) -> bool:
     fitted = found.fitted
     return (
         bool(found.seen.all())
-        and float(fitted.inlier_shares.min()) >= LEAST_SEEN_SHARE
+        and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
         and float(undulation_sigmas(fitted)[1:-1].max()) <= STRAIGHT_UNDULATION
     )
 
