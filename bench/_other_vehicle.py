@@ -42,6 +42,9 @@ WEIGHT, GRIP, MASS_HEIGHT, MASS_AHEAD = 981.0, 245.0, 0.15, 0.03
 COUNT: Final = 1.6e-6
 """Metres of chain for a count of an encoder."""
 
+GYRO_NOISE, GYRO_BIAS, DOWN_NOISE, DOWN_BIAS = np.radians((0.01, 0.05, 0.05, 0.2)).tolist()
+"""rad/s over one second, rad/s, radians, radians: standard deviations of the inertial sensors."""
+
 DRIVE_LAG, DRIVE_GAIN, BRAKING = 0.08, 0.4, 1.5
 """Seconds by which the drives lag, m/s² that they gain, and that they lose on a stop."""
 
@@ -86,6 +89,8 @@ class Hull:
         Middle, length and height of a tack, metres.
     arc : float
         Share of a profile's points that the arc spoils.
+    inertial : bool
+        Whether the vehicle has a gyro and an inclinometer.
     """
 
     friction: float = 0.5
@@ -97,6 +102,7 @@ class Hull:
     kink: float = 0.0
     tack: tuple[float, float, float] = TACK
     arc: float = 0.1
+    inertial: bool = True
 
 
 @dataclass(frozen=True)
@@ -107,9 +113,10 @@ class Fault:
     ----------
     kind : str
         ``knock``, ``turn``, ``dead``, ``stuck``, ``scaled``, ``swapped``, ``spins``, ``frozen``,
-        ``late``, ``mirrored``, ``neighbour``; empty while nothing is broken.
+        ``late``, ``mirrored``, ``neighbour``, ``gyro dead``, ``gyro biased``, ``level off``; empty
+        while nothing is broken.
     size : float, optional
-        Metres, radians, a factor, a share or frames.
+        Metres, radians, rad/s, a factor, a share or frames.
     side : int, optional
         Of a track: 0 left, 1 right.
     """
@@ -191,7 +198,7 @@ class OtherWorld:
     """
 
     def __init__(self, hull: Hull, start: tuple[float, float, float], seed: int) -> None:
-        self.hull, self.pose, self.time = hull, np.array(start), 0.0
+        self.hull, self.pose, self.time, self.seed = hull, np.array(start), 0.0, seed
         self.random = np.random.default_rng([seed, 77])
         self.fault = Fault()
         self.torch_y, self.arc = 0.0, False
@@ -322,7 +329,9 @@ class OtherVehicle(LocalVehicle):
     """The vehicle behind its protocol: orders act one state late, and states come one late."""
 
     def __init__(self, world: OtherWorld) -> None:
-        self._world = world
+        self._world, self._heading = world, float(world.pose[2])
+        self._random = np.random.default_rng([world.seed, 79])
+        self._biases = self._random.standard_normal(2) * (GYRO_BIAS, DOWN_BIAS)
         self._counted, self._shown, self._number = np.zeros(2), np.zeros(2), 0
         self._order: tuple[Twist, float] | None = None
         self._next: Twist | None = None
@@ -343,8 +352,24 @@ class OtherVehicle(LocalVehicle):
         proximity = tuple(distances.tolist()) if self._number % 5 == 0 else ()
         left, right = self._encoder_speeds().tolist()
         odometry = Twist((left + right) / 2, (left - right) / GAUGE)
-        self._states.append(VehicleState(self._world.time, odometry, (), proximity))
+        inertial = self._inertial() if self._world.hull.inertial else ((), ())
+        self._states.append(VehicleState(self._world.time, odometry, (), proximity, "", *inertial))
         return self._states[0]
+
+    def _inertial(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Turn rate by the gyro, and direction of down by the inclinometer."""
+        world, before, self._heading = self._world, self._heading, float(self._world.pose[2])
+        noise = GYRO_NOISE / sqrt(STATE_SECONDS), DOWN_NOISE
+        true = (self._heading - before) / STATE_SECONDS, world.hull.down - self._heading
+        rate, down = (true + self._biases + noise * self._random.standard_normal(2)).tolist()
+        match world.fault.kind:
+            case "gyro dead":
+                rate = 0.0
+            case "gyro biased":
+                rate += world.fault.size
+            case "level off":
+                down += world.fault.size
+        return (rate,), (down,)
 
     def _encoder_speeds(self) -> Array:
         counts = np.floor(self._world.way / COUNT)

@@ -62,7 +62,7 @@ class DisturbedTeam(SimulatedTeam):
         self._disturb()
         self.world.advance(VEHICLE_STATE_PERIOD)
         for vehicle in self.vehicles:
-            vehicle.store_world_state()
+            vehicle.read_own_world_state()
 
 
 class EventJournal(InMemoryTowJournal):

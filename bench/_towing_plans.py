@@ -90,6 +90,11 @@ class Tow:
         return watch, plans
 
 
+def is_stopped(plan: TowingPlan) -> bool:
+    """Whether the welder waits: the plan halts, or only leads away from what came too near."""
+    return bool(plan.halt or plan.retreat)
+
+
 def rate_row(name: str, watch: Stopwatch, least_hz: float) -> Row:
     """A rate, held as the time of a plan, as on the usual machine."""
     taken = 1e3 * sum(watch.seconds) / (BLOCK * len(watch.seconds))
@@ -101,14 +106,14 @@ def rate_row(name: str, watch: Stopwatch, least_hz: float) -> Row:
 def rate_rows() -> list[Row]:
     """Plans with no limit near, and pressed against one all the way."""
     free, plans = Tow(TowingPlanner(Cable(), TowingTeam(), YARD), y=-1.5).timed(400)
-    bound = sum(bool(plan.limits or plan.halt) for plan in plans)
+    bound = sum(bool(plan.limits) or is_stopped(plan) for plan in plans)
     nearest = min(
         float(min(p.held_poses[:-1, 0].min(), 2.6 - p.held_poses[:-1, 0].max())) for p in plans
     )
     near = LimitSettings(link_clearance=0.02, vehicle_clearance=nearest - 0.15 + PRESSED)
     tight = PlannerSettings(limits=near)
     pressed, tight_plans = Tow(TowingPlanner(Cable(), TowingTeam(), YARD, tight), y=-1.5).timed(200)
-    share = 100 * float(np.mean([bool(p.limits) and not p.halt for p in tight_plans]))
+    share = 100 * float(np.mean([bool(p.limits) and not is_stopped(p) for p in tight_plans]))
     return [
         Row("reference task in the same run", 1e3 * USUAL * free.slowdown, inf, "ms"),
         rate_row("plan, mean of 400", free, 1500),
@@ -165,7 +170,7 @@ def seam_rows() -> list[Row]:
     speed, broken, bend, walls, bodies, gap, count, f = 0.0, 0, 0.0, inf, inf, inf, 0, []
     before = None
     for plan in Tow(TowingPlanner(cable, team, YARD)).plans(9600):
-        count, broken = count + 1, broken + bool(plan.halt)
+        count, broken = count + 1, broken + is_stopped(plan)
         links, held = plan.link_poses[3:-3, :2], plan.held_poses[:, :2]
         if before is not None:
             steps = held[:-1] - before.held_poses[:-1, :2]
@@ -221,7 +226,7 @@ def size_rows() -> list[Row]:
         )
         rows += [
             rate_row(f"{name}: plan, mean of 40", watch, least_hz),
-            Row(f"{name}: plans halted", sum(bool(p.halt) for p in plans), 0),
+            Row(f"{name}: plans halted", sum(map(is_stopped, plans)), 0),
         ]
     return rows
 

@@ -92,14 +92,16 @@ SOUND: Final[dict[str, SoundRow]] = {
     "wet": SoundRow(Hull(friction=0.3), (0.25, 0.25, 0.25)),
     "slip 10 %": SoundRow(slipping(0.1), (0.20, 0.20, 0.20)),
     "slip 20 %, opposite": SoundRow(slipping(0.2, sign=-1.0), (0.30, 0.30, 0.30)),
-    "ripple 0.2 %": SoundRow(Hull(ripple=0.002), (0.25, 0.25, 0.25), 0.5),
     "ripple 0.5 %": SoundRow(Hull(ripple=0.005), (0.25, 0.25, 0.25), 0.5),
+    "dry, encoders alone": SoundRow(Hull(inertial=False), (0.20, 0.20, 0.20)),
+    "wet, encoders alone": SoundRow(Hull(friction=0.3, inertial=False), (0.25, 0.25, 0.25)),
 }
+"""Hulls on which the vehicle has a gyro and an inclinometer, but for the last two."""
 
 ROUGH: Final[dict[str, SoundRow]] = {
     "radius 20 m": SoundRow(Hull(curvature=1 / 20), (0.3, 0.3, 0.3), radius=20.0),
     "kink 3 mm in 100 mm": SoundRow(Hull(kink=3e-3), (0.3, 0.3, 0.3)),
-    "filled by a tack for 40 mm": SoundRow(Hull(tack=(0.1, 0.08, 0.02)), (0.3, 0.3, 0.3)),
+    "filled by a tack for 40 mm": SoundRow(Hull(tack=(0.2, 0.08, 0.02)), (0.3, 0.3, 0.3)),
 }
 """Rows of the whole bench alone: joints on which a crawl should go on."""
 
@@ -114,9 +116,12 @@ FAULTS: Final[dict[str, tuple[str, tuple[float, float], tuple[str, ...]]]] = {
     "encoders swapped": ("swapped", (0.0, 0.0), WHEELS),
     "track spins": ("spins", (0.1, 1.0), WHEELS),
     "laser frozen with noise": ("frozen", (0.0, 0.0), ("laser frozen",)),
-    "laser late": ("late", (5, 50), ("laser late", "laser frozen")),
+    "laser late": ("late", (5, 50), ("laser frozen", "slip")),
     "laser mirrored": ("mirrored", (0.0, 0.0), ("laser mirrored",)),
-    "neighbour's joint": ("neighbour", (10e-3, 20e-3), ("joint jumped", "joint lost")),
+    "neighbour's joint": ("neighbour", (10e-3, 20e-3), ("joint jumped", "joint lost", *KNOCK)),
+    "gyro dead": ("gyro dead", (0.0, 0.0), ("gyro",)),
+    "gyro biased": ("gyro biased", (radians(0.1), radians(1.0)), ("gyro",)),
+    "inclinometer off": ("level off", (radians(0.5), radians(3.0)), ("inclinometer",)),
 }
 """Name, kind of `Fault`, range of its size, and the guards that name its cause."""
 
@@ -280,7 +285,8 @@ def crawl(name: str, seed: int, faults: tuple[str, ...], *, quick: bool) -> Foun
     return observer.found
 
 
-SIGNED: Final = ("knock", "turn", "neighbour")
+SIGNED: Final = ("knock", "turn", "neighbour", "gyro biased", "level off")
+INERTIAL_FAULTS: Final = ("gyro dead", "gyro biased", "inclinometer off")
 LASER_FAULTS: Final = ("frozen", "late", "mirrored")
 
 
@@ -290,7 +296,16 @@ def measure(*, quick: bool, seeds: int, only: str) -> Iterator[Row]:
     names = [name for name in (SOUND if quick else {**SOUND, **ROUGH}) if only in name or faults]
     hulls = HULLS_OF_A_FAULT - quick
     asked = [
-        (name, seed, tuple(f for i, f in enumerate(faults) if (i + seed - k) % len(names) < hulls))
+        (
+            name,
+            seed,
+            tuple(
+                fault
+                for i, fault in enumerate(faults)
+                if (i + seed - k) % len(names) < hulls
+                and ({**SOUND, **ROUGH}[name].hull.inertial or fault not in INERTIAL_FAULTS)
+            ),
+        )
         for seed in range(1, seeds + 1)
         for k, name in enumerate(names)
     ]

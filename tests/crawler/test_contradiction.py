@@ -11,7 +11,7 @@ import pytest
 from crawls import SHORT
 
 from tjscan.core.errors import CrawlStopped
-from tjscan.crawler.contradiction import ContradictionWatch
+from tjscan.crawler.contradiction import ContradictionWatch, InertialWatch
 from tjscan.crawler.joint_sections import shows_filled_joint
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
@@ -113,11 +113,11 @@ def crawl_with(
     state: Callable[[VehicleState], VehicleState] | None = None,
     picture: Callable[[Profile], Profile] | None = None,
     happens: Callable[[CrawlCell], None] | None = None,
-    high_low: float = 0.0,
+    tables: str = "",
 ) -> tuple[CrawlStopped, Fault]:
     """Weld with a fault, and return the stop, and where it came."""
     file = tmp_path / "job.toml"
-    file.write_text(JOB + f"[simulation.joint]\nhigh_low_mm = {high_low}\n")
+    file.write_text(JOB + tables)
     context = CrawlContext(read_crawl_job(file), file)
     cell = make_crawl_cell(context.job)
     vehicle = Spoilt(cell.vehicle, "next_state", state)
@@ -177,6 +177,48 @@ def test_a_track_that_slips_unseen_stops_it(tmp_path: Path) -> None:
     assert notes.arc_way < MOST_WAY
 
 
+def test_a_gyro_whose_bias_jumps_stops_it(tmp_path: Path) -> None:
+    stop, _ = crawl_with(
+        tmp_path,
+        state=lambda state: replace(state, gyro=(state.gyro[0] + radians(0.5),)),
+        tables="[simulation.vehicle.inertial]\n",
+    )
+    assert stop.guard == "gyro"
+    assert "to the right" in stop.reason
+
+
+def turning(rate: float, k: int) -> VehicleState:
+    """What a gyro and noisy encoders show in one period or another."""
+    return VehicleState(0.02 * k, Twist(8e-3, 1e-3 + 1e-5 * (k % 7)), gyro=(rate,))
+
+
+def test_a_gyro_that_repeats_one_value_while_the_tracks_turn_is_dead() -> None:
+    watch = InertialWatch()
+    for k in range(100):  # exact, as the tracks that it drives
+        watch.add(replace(turning(0.0, k), odometry=Twist(8e-3, 0.0)), (0.0, 0.0), 0.02)
+    with pytest.raises(CrawlStopped, match=r"is dead: it shows 0\.000 mrad/s"):  # noqa: PT012
+        for k in range(30):
+            watch.add(turning(0.0, k), (0.0, 0.0), 0.02)
+
+
+@pytest.mark.parametrize(("name", "place"), [("gyro", 0), ("inclinometer", 1)])
+def test_a_bias_stops_it_and_noise_or_a_push_do_not(name: str, place: int) -> None:
+    watch, rng = InertialWatch(), np.random.default_rng(3)
+
+    def go_on(times: int, bias: float) -> None:
+        for k in range(times):
+            misfits = np.sqrt(50) * rng.standard_normal(2)
+            misfits[place] += bias
+            watch.add(turning(float(rng.standard_normal()), k), tuple(misfits.tolist()), 0.02)
+
+    go_on(20_000, 0.0)
+    go_on(2, 1e3)
+    go_on(200, 0.0)
+    with pytest.raises(CrawlStopped) as caught:
+        go_on(150, 8.0)
+    assert caught.value.guard == name
+
+
 def test_a_frozen_laser_stops_it(tmp_path: Path) -> None:
     stop, notes = crawl_with(tmp_path, picture=frozen())
     assert stop.guard == "laser frozen"
@@ -184,7 +226,9 @@ def test_a_frozen_laser_stops_it(tmp_path: Path) -> None:
 
 
 def test_a_mirrored_picture_stops_it(tmp_path: Path) -> None:
-    stop, notes = crawl_with(tmp_path, picture=mirrored, high_low=1.0)
+    stop, notes = crawl_with(
+        tmp_path, picture=mirrored, tables="[simulation.joint]\nhigh_low_mm = 1.0\n"
+    )
     assert stop.guard == "laser mirrored"
     assert notes.arc_way < MOST_WAY
 

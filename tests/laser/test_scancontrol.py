@@ -81,9 +81,8 @@ def test_a_full_profile_is_read_as_the_specification_has_it(points: int) -> None
     pairs = raw_numbers(points)
     raw = full_profile(pairs, time_stamp(77, 12.5, 12.501))
     assert len(raw) == 64 * points
-    profile = parse_scancontrol(raw, settings(points=points), SCALE, 3.5, 0.1)
+    profile = parse_scancontrol(raw, settings(points=points), SCALE)
     assert_is(profile, pairs)
-    assert (profile.time, profile.time_uncertainty) == (3.5, 0.1)
 
 
 def test_the_time_stamp_takes_the_place_of_the_last_reflection_of_the_last_point_alone() -> None:

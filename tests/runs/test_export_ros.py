@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, pose
-from tjscan.recording.ros import JOINT_TRAJECTORY_TYPE, POSE_ARRAY_TYPE
+from tjscan.recording.ros import ROS_JOINT_TRAJECTORY, ROS_POSE_ARRAY
 from tjscan.robot.kinematics import Kinematics
 from tjscan.scanning.recording import read_recorded_scan
 
@@ -70,7 +70,7 @@ def test_another_library_reads_from_mcap_what_stands_in_json(
         assert plain(message) == json.loads((folder / f"{topic[1:]}.json").read_bytes())
 
 
-@pytest.mark.parametrize("kind", [POSE_ARRAY_TYPE, JOINT_TRAJECTORY_TYPE])
+@pytest.mark.parametrize("kind", [ROS_POSE_ARRAY, ROS_JOINT_TRAJECTORY])
 def test_definitions_are_those_of_ros(folder: Path, kind: Any) -> None:
     with Reader(folder / "export.mcap") as reader:
         found = next(one for one in reader.connections if one.msgtype == kind.name)

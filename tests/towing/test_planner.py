@@ -272,6 +272,33 @@ def test_links_that_need_no_clearance_from_walls_keep_clear_of_discs_and_name_th
     assert f"link {link} would be 10 mm too near to jack" in text
 
 
+def test_a_plan_within_limits_does_not_depend_on_where_memory_is(begun: TowingPlan) -> None:
+    x, y, _ = begun.held_poses[2]
+    disc = DiscObstacle(x + 0.3, y + 0.1, 0.2, name="trolley")
+    inputs, kept, found = PlanInputs(begun.held_poses, WELDER, 0.1, begun, [disc]), [], set()
+    for size in range(16, 272, 16):
+        kept.append(bytearray(size))
+        found.add(planner().plan(inputs).angles.tobytes())
+    assert len(found) == 1
+
+
+def test_a_way_through_one_obstacle_is_not_free_because_the_cable_is_within_another(
+    begun: TowingPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cable leads away from the crate that it is deep in, and not through the post."""
+    turned = begun.angles + np.where(np.arange(60) == 10, -0.2, 0.0)
+    x, y, _ = begun.link_poses[25]
+    crate = DiscObstacle(x, y, 0.3, name="crate")
+    x, y, _ = CABLE.poses((begun.angles + turned) / 2)[40]
+    post = DiscObstacle(x, y, 0.1, name="post")
+    monkeypatch.setattr(CheckedShape, "is_feasible", True)
+    for discs, objection in (([crate], ""), ([crate, post], "too near to post")):
+        inputs = PlanInputs(begun.held_poses, WELDER, 0.1, begun, discs)
+        shape = CheckedShape(planner().limited_problem(begun.angles, inputs), turned)
+        found = shape.objection(begun.angles)
+        assert objection in found if objection else not found
+
+
 def test_vehicles_lead_away_from_what_came_quicker_than_they_drive(begun: TowingPlan) -> None:
     """It is 60 mm nearer to vehicle 3 than it may be: all that a plan can do is to lead away."""
     x, y, _ = begun.held_poses[2]

@@ -7,8 +7,10 @@ from tjscan.core.frames import Array
 from tjscan.towing.standstill import (
     FIRST_RETRY_SECONDS,
     LEAST_DRIVEN_SHARE,
+    LEAST_RUNAWAY_MOTION,
     SHORTEST_JUDGED_WINDOW,
     STANDSTILL_ERROR_RATE,
+    RunawayCheck,
     StandstillCheck,
 )
 
@@ -97,3 +99,16 @@ def test_one_that_stood_is_doubted_until_it_is_seen_to_drive() -> None:
         if k == 110:
             assert check.doubted
     assert not check.doubted
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_way_and_turn_are_each_held_against_what_was_commanded_of_them(share: float) -> None:
+    """A quick drive allows no turn of its own, and a quick turn no way."""
+    way, turn = LEAST_RUNAWAY_MOTION
+    for asked, off in (((0.02, 0.0, 0.0), (0.0, 0.0, turn)), ((0.0, 0.0, 0.2), (way, 0.0, 0.0))):
+        check, told = RunawayCheck(), np.array(asked)
+        words = [
+            check.update(k * PERIOD, told, told + share * np.array(off) / 10, PERIOD)
+            for k in range(10)
+        ]
+        assert any(words) == (share > 1)

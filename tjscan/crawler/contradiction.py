@@ -1,7 +1,7 @@
 """What a crawl's sensors report, held against one another: wheels, joint, and pictures.
 
 A filter weighs down what it does not expect. Here everything must fit: each wheel its own command,
-each reading what the estimate expects, each picture the ones before.
+each reading what the estimate expects, each picture the ones before, gyro and inclinometer both.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
-from tjscan.crawler.slip_estimator import MOST_SIDEWAYS_SHARE
+from tjscan.crawler.slip_estimator import INERTIAL_MEAN_TIME, MOST_SIDEWAYS_SHARE
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.vehicle import Twist
+from tjscan.vehicle.vehicle import Twist, VehicleState
 
 WHEEL_MEMORY_LENGTH, WHEEL_MEMORY_TIME = 0.030, 10.0
 """Metres and seconds over which a wheel is held against its command."""
@@ -90,6 +90,17 @@ mean must be less for a shift to be seen."""
 
 SURPRISES_KEPT, JUMP_SHARE = 50, 0.5
 """Readings that show whether one jumped, and the share of what they are off by that is one jump."""
+
+
+MOST_INERTIAL_MISFIT: Final = 5.0
+"""Standard deviations of a mean over `INERTIAL_MEAN_TIME`, which its faded mean scatters by 0.7 of:
+in sound crawls it comes to 2.4."""
+
+MOST_SAMPLE_MISFIT: Final = 60.0
+"""Of these a sample counts as no more: a push is no bias. It is six of its own at 50 Hz."""
+
+DEAD_GYRO_TIME: Final = 0.5
+"""Seconds for which a gyro may repeat one value, in which its noise is, while the tracks turn."""
 
 
 @dataclass(slots=True)
@@ -168,6 +179,45 @@ class ReadingWatch:
         self._variances += min(way / SCATTER_MEMORY_LENGTH, 1.0) * (learned - self._variances)
         sudden, lasting = (np.abs(self._means) > limits).tolist()
         return sudden, lasting
+
+
+@dataclass(slots=True)
+class InertialWatch:
+    """Holds gyro and inclinometer against what tracks and joint show of each turn."""
+
+    _means: Array = field(default_factory=lambda: np.zeros(2))
+    _last: tuple[tuple[float, ...], float] = ((), 0.0)
+    _repeated: float = 0.0
+
+    def add(self, state: VehicleState, misfits: tuple[float, float], period: float) -> None:
+        """Take in a state, its misfits as of `FollowingMethod.move`, and a period in seconds.
+
+        Raises
+        ------
+        CrawlStopped
+            If a sensor repeats itself, or shows what nothing else does.
+        """
+        (gyro, turn), self._last = self._last, (state.gyro, state.odometry.turn_rate)
+        if state.gyro != gyro:
+            self._repeated = 0.0
+        elif gyro and state.odometry.turn_rate != turn:
+            self._repeated += period
+        off = np.clip(misfits, -MOST_SAMPLE_MISFIT, MOST_SAMPLE_MISFIT)
+        self._means += min(period / INERTIAL_MEAN_TIME, 1.0) * (off - self._means)
+        if self._repeated > DEAD_GYRO_TIME:
+            raise CrawlStopped(
+                "gyro",
+                f"the gyro is dead: it shows {1e3 * gyro[0]:.3f} mrad/s again and again, though "
+                "the vehicle moves. Look at its cable and supply",
+            )
+        for name, mean in zip(("gyro", "inclinometer"), self._means.tolist(), strict=True):
+            if abs(mean) > MOST_INERTIAL_MISFIT:
+                raise CrawlStopped(
+                    name,
+                    f"the {name} is biased: by {abs(mean):.0f} standard deviations it shows more "
+                    f"turn to the {'right' if (mean > 0) == (name == 'gyro') else 'left'} than "
+                    "tracks and joint do. See that it is fixed, and calibrate it",
+                )
 
 
 class PictureWatch:
@@ -282,7 +332,7 @@ class ContradictionWatch:
     def begin_again(self) -> None:
         """Forget what was: the vehicle is driven by hand, or rests there."""
         self._wheels, self._readings = WheelWatch(self._tracks), ReadingWatch()
-        self._pictures = PictureWatch()
+        self._pictures, self.inertial = PictureWatch(), InertialWatch()
         self._surprises: deque[float] = deque(maxlen=SURPRISES_KEPT)
         self._seen: Profile | None = None
         self._unseen, self._unseen_way = 0, 0.0
@@ -361,7 +411,8 @@ class ContradictionWatch:
             "slip",
             f"the vehicle turns farther to the {'right' if right else 'left'} than its tracks "
             f"show, {1e3 * abs(off):.2f} mm at the laser: the {slipping} track slips, or the "
-            f"encoder of the {other} one is wrong. Look at pads, steel and encoders",
+            f"encoder of the {other} one is wrong, or the laser is late. Look at pads, steel, "
+            "encoders and laser",
         )
 
 
@@ -370,5 +421,6 @@ def _knock_error(off: float) -> CrawlStopped:
         "knocked aside",
         f"the joint jumped aside in the laser's line, and the whole picture with it: the vehicle "
         f"was knocked {1e3 * abs(off):.1f} mm to the {'right' if off > 0 else 'left'}, or its "
-        "laser was. Look what touched it, and that the laser is fixed",
+        "laser was, or another joint is read that looks alike. Look what touched it, that the "
+        "laser is fixed, and that it sees this joint alone",
     )

@@ -238,11 +238,12 @@ class ControlCycle:
         period = self._period_until(state.time)
         self._guards.watch_vehicle(state, period)
         self._guards.watch_progress(twist.speed, state.odometry.speed, period)
+        misfits = (0.0, 0.0)
         if is_by_hand(self.phase, twist):
             method.forget_place()
         else:
             if period > 0:
-                method.move(state, period, twist)
+                misfits = method.move(state, period, twist)
             self.travel += state.odometry.speed * period
 
         profile, reading = self.joint.look(self.travel)
@@ -277,6 +278,7 @@ class ControlCycle:
             self._watch.begin_again()
         else:
             self._watch.add(twist, state.odometry, period, profile, surprise, filled=filled)
+            self._watch.inertial.add(state, misfits, period)
         if self.phase is not Phase.MANUAL:
             self._guards.watch_joint(
                 None if reading is None else d,

@@ -47,7 +47,7 @@ class TorchEstimate(OffsetEstimate):
 class FollowingMethod(Protocol):
     """Estimates where the torch is, and steers so that it comes to the joint."""
 
-    def move(self, state: VehicleState, period: float, commanded: Twist) -> None:
+    def move(self, state: VehicleState, period: float, commanded: Twist) -> tuple[float, float]:
         """Take in a period of motion.
 
         Parameters
@@ -58,6 +58,12 @@ class FollowingMethod(Protocol):
             Seconds.
         commanded : Twist
             What the drives were asked for meanwhile.
+
+        Returns
+        -------
+        gyro, down : float
+            How far a sample of gyro and inclinometer was off from what was expected, over the
+            standard deviation of a mean over `INERTIAL_MEAN_TIME`; 0 without one.
         """
 
     def read(self, d: float, sigma: float) -> float | None:

@@ -150,10 +150,11 @@ class PaperMethod:
         self._d = self._integral = 0.0
         self._period, self._way = 0.01, 0.0
 
-    def move(self, state: VehicleState, period: float, commanded: Twist) -> None:
+    def move(self, state: VehicleState, period: float, commanded: Twist) -> tuple[float, float]:
         """Take in a period of motion; see `FollowingMethod.move`."""
         self._period = period
         self._filter.move(state.odometry, period)
+        return 0.0, 0.0
 
     def read(self, d: float, sigma: float) -> None:
         """Take in a reading of the joint."""

@@ -226,11 +226,11 @@ class SlipAwareMethod:
         """What is known now."""
         return self._estimator.estimate
 
-    def move(self, state: VehicleState, period: float, commanded: Twist) -> None:
+    def move(self, state: VehicleState, period: float, commanded: Twist) -> tuple[float, float]:
         """Take in a period of motion; see `FollowingMethod.move`."""
         odometry = self._odometry.smooth(state.odometry, period, commanded)
         self._estimator.move(odometry)
-        self._estimator.read_inertial(state.gyro, state.down, period)
+        return self._estimator.read_inertial(state.gyro, state.down, period)
 
     def read(self, d: float, sigma: float) -> float:
         """Take in a reading of the joint; see `FollowingMethod.read`."""

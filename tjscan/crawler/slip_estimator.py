@@ -251,6 +251,10 @@ against the joint, and by how it turns."""
 LIKELY_YAW_EFFICIENCY: Final = 0.75
 """Before anything was measured: pads give 0.5 to 0.75 in a turn, tracks that do not slip 1."""
 
+INERTIAL_MEAN_TIME: Final = 1.0
+"""Seconds over which what an inertial sensor is off by is averaged: no drive takes so long to do
+what it is asked for, and a gyro's noise is small by then."""
+
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
 
@@ -270,9 +274,10 @@ class SlipUncertainty(SettingsTable):
     gyro, down : float
         Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
-    settled_centre_walk : float
+    settled_centre_walk, gyro_bias_walk, joint_down_walk : float
         Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
-        what differs for now is unsteady.
+        what differs for now is unsteady. A gyro's bias wanders with its temperature; the direction
+        of down from the joint's as the plates are not straight, and by the inclinometer's own.
     unsteady_crab, unsteady_drift : float
         Of what crab and drift are off for now, going straight. By default what feet do that give
         way by 1 mm either way within a contact of 0.7 m, or of half of it to turn.
@@ -307,6 +312,8 @@ class SlipUncertainty(SettingsTable):
     crab_walk: Annotated[Deviation, MRAD] = 0.1e-3
     turning_crab_walk: Annotated[Deviation, MM] = 10e-3
     settled_centre_walk: Annotated[Deviation, MM] = 10e-3
+    gyro_bias_walk: Annotated[Deviation, MRAD_S] = 0.02e-3
+    joint_down_walk: Annotated[Deviation, MRAD] = 0.5e-3
     unsteady_crab: Annotated[Deviation, MRAD] = 0.8e-3
     unsteady_drift: Annotated[Deviation, MRAD] = 2.4e-3
     unsteady_centre: Annotated[Deviation, MM] = 34e-3
@@ -522,24 +529,39 @@ class SlipEstimator:
         self._readings += 1
         return self._correct(off, H, variance)
 
-    def read_inertial(self, gyro: Sequence[float], down: Sequence[float], period: float) -> None:
+    def read_inertial(
+        self, gyro: Sequence[float], down: Sequence[float], period: float
+    ) -> tuple[float, float]:
         """Take in samples of the inertial sensors after a period in seconds.
 
         Parameters
         ----------
         gyro, down : sequence of float
             As in `VehicleState`.
+
+        Returns
+        -------
+        tuple of float
+            Of each how far a sample was off, over the deviation of a mean; 0 without one.
         """
+        misfits, own = [0.0, 0.0], self._uncertainty
         for rate in gyro:
             H = self._by_turn.copy()
             H[SlipStateIndex.GYRO_BIAS] = 1.0
             off = rate - self._turn - self.estimate.x[SlipStateIndex.GYRO_BIAS]
-            self._correct(off, H, self._uncertainty.gyro**2 / period)
+            misfits[0] = self._correct_inertially(off, H, own.gyro**2 / period, period)
         for angle in down:
             H = np.zeros(STATE_COUNT)
             H[[SlipStateIndex.JOINT_DOWN, SlipStateIndex.HEADING]] = 1.0, -1.0
             off = remainder(angle - float(H @ self.estimate.x), tau)
-            self._correct(off, H, self._uncertainty.down**2)
+            misfits[1] = self._correct_inertially(off, H, own.down**2, period)
+        return misfits[0], misfits[1]
+
+    def _correct_inertially(self, off: float, H: Array, variance: float, period: float) -> float:
+        """Take in a sample; returns what it is off by over the deviation of such means."""
+        mean_variance = variance * period / INERTIAL_MEAN_TIME + float(H @ self.estimate.P @ H)
+        self._correct(off, H, variance)
+        return off / sqrt(mean_variance)
 
     def _correct(self, difference: float, H: Array, variance: float) -> float:
         """Take in a measurement that differs from what was expected; returns `read`'s value."""

@@ -31,9 +31,9 @@ class StateSmoother:
     def restart(self) -> None:
         """Forget all steps."""
         self._kept: list[tuple[Array, ...]] = []
-        self._begin_interval()
+        self._reset_sums_since_kept_state()
 
-    def _begin_interval(self) -> None:
+    def _reset_sums_since_kept_state(self) -> None:
         n = self._size
         self._transition, self._gradient, self._information = (
             np.eye(n),
@@ -65,7 +65,7 @@ class StateSmoother:
         if self._kept:
             self._kept[-1] += (self._transition, self._gradient, self._information)
         self._kept.append((x, P))
-        self._begin_interval()
+        self._reset_sums_since_kept_state()
 
     def smooth(self, which: int) -> tuple[Array, Array]:
         """One quantity of the kept states, and its standard deviation, by all steps; then forget.

@@ -82,7 +82,7 @@ WELD_COST_MARGIN: Final = 20.0
 """By how many outliers a chain with a weld may be dearer than the cheapest and still be refined:
 one bead of several may look like the face of a root, if the steel of the others is not charged."""
 
-LEAST_SEEN_SHARE: Final = 0.25
+LEAST_SHARE_ON_SIDE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
 STRAIGHT_UNDULATION: Final = 0.08e-3
@@ -278,7 +278,7 @@ def _is_convincing(found: GrooveFit) -> bool:
     fitted = found.fitted
     return (
         bool(found.seen.all())
-        and float(fitted.inlier_shares.min()) >= LEAST_SEEN_SHARE
+        and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
         and float(undulation_sigmas(fitted)[1:-1].max()) <= STRAIGHT_UNDULATION
     )
 

@@ -122,14 +122,8 @@ class Scan3dScales:
     invalid: float | None = None
 
 
-def profile_of_row(
-    raw: bytes,
-    pixel_format: str,
-    scales: Scan3dScales,
-    time: float = 0.0,
-    time_uncertainty: float = 0.0,
-) -> Profile:
-    """Profile from the bytes of one row.
+def profile_of_row(raw: bytes, pixel_format: str, scales: Scan3dScales) -> Profile:
+    """Profile from the bytes of one row, whose time these do not hold.
 
     Parameters
     ----------
@@ -139,8 +133,6 @@ def profile_of_row(
         One of `COORDINATE_FORMATS`.
     scales : Scan3dScales
         What the numbers mean.
-    time, time_uncertainty : float, optional
-        Of the profile, seconds on the clock of the cell, and how far off that may be.
 
     Raises
     ------
@@ -168,4 +160,4 @@ def profile_of_row(
     if scales.invalid is not None:
         missing |= raw_z == scales.invalid
     x[missing] = z[missing] = np.nan
-    return Profile(x, z, time=time, time_uncertainty=time_uncertainty)
+    return Profile(x, z)

@@ -87,11 +87,7 @@ def scancontrol_profile_size(settings: ScanControlSettings) -> int:
 
 
 def parse_scancontrol(
-    raw: bytes,
-    settings: ScanControlSettings,
-    scale: ScanControlScale,
-    time: float = 0.0,
-    time_uncertainty: float = 0.0,
+    raw: bytes, settings: ScanControlSettings, scale: ScanControlScale
 ) -> Profile:
     """Parse a payload; of a container with many rows the first.
 
@@ -103,13 +99,11 @@ def parse_scancontrol(
         How it is laid out.
     scale : ScanControlScale
         Of the model.
-    time, time_uncertainty : float
-        Of the profile, on the clock of the cell.
 
     Returns
     -------
     Profile
-        In frame s, metres.
+        In frame s, metres; its time is not read.
 
     Raises
     ------
@@ -135,7 +129,7 @@ def parse_scancontrol(
         for values, flip in ((raw_x, settings.flip_x), (raw_z, settings.flip_z))
     )
     x[missing] = z[missing] = np.nan
-    return Profile(x, z + scale.offset, time=time, time_uncertainty=time_uncertainty)
+    return Profile(x, z + scale.offset)
 
 
 def _coordinates_of_full_layout(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:

@@ -40,8 +40,8 @@ LABEL_FONT: Final = "11px system-ui, sans-serif"
 VALUE_COLOUR: Final = "#2a6fbb"
 SIGMA_COLOUR: Final = "rgba(42,111,187,0.35)"
 FIT_COLOUR: Final = "#d0452f"
-LARGE_CHART_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": VALUE_COLOUR}
-SMALL_CHART_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 3}
+LARGE_POINT_STYLE: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": VALUE_COLOUR}
+SMALL_POINT_STYLE: Final[uplot.Series_Points] = {"show": True, "size": 3}
 
 HTML_MACROS: Final = (
     Environment(loader=PackageLoader("tjscan.live", "."), autoescape=True, trim_blocks=True)
@@ -74,14 +74,14 @@ class Panel:
             gui,
             setting.plot_axis,
             "",
-            uplot.Series(label="value", stroke=VALUE_COLOUR, width=0, points=LARGE_CHART_POINTS),
-            uplot.Series(label="+ sigma", stroke=SIGMA_COLOUR, width=0, points=SMALL_CHART_POINTS),
-            uplot.Series(label="- sigma", stroke=SIGMA_COLOUR, width=0, points=SMALL_CHART_POINTS),
+            uplot.Series(label="value", stroke=VALUE_COLOUR, width=0, points=LARGE_POINT_STYLE),
+            uplot.Series(label="+ sigma", stroke=SIGMA_COLOUR, width=0, points=SMALL_POINT_STYLE),
+            uplot.Series(label="- sigma", stroke=SIGMA_COLOUR, width=0, points=SMALL_POINT_STYLE),
         )
         self._profile = _add_chart(
             gui,
             *PROFILE_AXES,
-            uplot.Series(label="profile", stroke=VALUE_COLOUR, width=0, points=SMALL_CHART_POINTS),
+            uplot.Series(label="profile", stroke=VALUE_COLOUR, width=0, points=SMALL_POINT_STYLE),
             uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
         )
         self._table = gui.add_html("", visible=False)

@@ -34,7 +34,7 @@ class RosMessageType:
     definition: str
 
 
-POSE_ARRAY_TYPE: Final = RosMessageType(
+ROS_POSE_ARRAY: Final = RosMessageType(
     "geometry_msgs/msg/PoseArray",
     _DEFINITION_SEPARATOR.join(
         (
@@ -47,7 +47,7 @@ POSE_ARRAY_TYPE: Final = RosMessageType(
     )
     + _HEADER_DEFINITION,
 )
-JOINT_TRAJECTORY_TYPE: Final = RosMessageType(
+ROS_JOINT_TRAJECTORY: Final = RosMessageType(
     "trajectory_msgs/msg/JointTrajectory",
     _DEFINITION_SEPARATOR.join(
         (
@@ -88,7 +88,7 @@ def pose_array_message(time: int, frame: str, poses: Array) -> RosMessage:
         turn = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
         position = dict(zip("xyz", T[:3, 3].tolist(), strict=True))
         rows.append({"position": position, "orientation": dict(zip("xyzw", turn, strict=True))})
-    return RosMessage(POSE_ARRAY_TYPE, {"header": _ros_message_header(time, frame), "poses": rows})
+    return RosMessage(ROS_POSE_ARRAY, {"header": _ros_message_header(time, frame), "poses": rows})
 
 
 def joint_trajectory_message(time: int, names: Sequence[str], q: Array, times: Array) -> RosMessage:
@@ -113,7 +113,7 @@ def joint_trajectory_message(time: int, names: Sequence[str], q: Array, times: A
     ]
     # No frame: the angles are of the joints that are named.
     fields = {"header": _ros_message_header(time, ""), "joint_names": list(names), "points": points}
-    return RosMessage(JOINT_TRAJECTORY_TYPE, fields)
+    return RosMessage(ROS_JOINT_TRAJECTORY, fields)
 
 
 def write_ros_messages(file: BinaryIO, time: int, messages: Mapping[str, RosMessage]) -> None:

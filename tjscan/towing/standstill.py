@@ -80,11 +80,12 @@ FIGURE_WITH_UNIT: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min|N)\b|°)")
 DRIVEN_WINDOW: Final = 30
 """Periods, 3 s of them, over which commanded way and odometry are compared."""
 
-LEAST_RUNAWAY_WAY: Final = 0.01
-"""Metres by which they may differ without a cause, and below which a vehicle does not drive."""
+LEAST_RUNAWAY_MOTION: Final = (0.01, radians(4.0))
+"""Metres and radians by which they may differ without a cause, and below which a vehicle does not
+drive, or turn."""
 
-RUNAWAY_WAY_SHARE: Final = 0.4
-"""The same as a share of the commanded way: drives follow roughly."""
+RUNAWAY_MOTION_SHARE: Final = 0.4
+"""The same as a share of what is commanded: drives follow roughly."""
 
 DRIVE_LAG: Final = 0.3
 """Seconds by which drives may be behind their commands."""
@@ -167,11 +168,11 @@ class RunawayCheck:
     """Whether the odometry of one vehicle shows that it does not follow its commands."""
 
     def __init__(self) -> None:
-        self._ways: deque[tuple[Array, Array]] = deque(maxlen=DRIVEN_WINDOW)
-        self._retry, self._until = FIRST_RETRY_SECONDS, -inf
+        self._motions: deque[tuple[Array, Array]] = deque(maxlen=DRIVEN_WINDOW)
+        self._retry, self._until, self._words = FIRST_RETRY_SECONDS, -inf, ""
 
-    def update(self, now: float, asked: Array, driven: Array, period: float) -> float:
-        """Metres that it drove off its commands; 0 if it obeys, or does not move.
+    def update(self, now: float, asked: Array, driven: Array, period: float) -> str:
+        """How far it drove off its commands, in words; empty if it obeys, or does not move.
 
         Once it did not obey it counts so for `FIRST_RETRY_SECONDS`, twice as long each time.
 
@@ -180,22 +181,28 @@ class RunawayCheck:
         now : float
             Seconds.
         asked, driven : ndarray, shape (3,)
-            Way in the last period as commanded and by odometry: along x and y, and of the body's
-            rim as it turns, metres.
+            Way and turn in the last period as commanded and by odometry, metres and radians.
         period : float
             Seconds.
         """
-        self._ways.append((asked, driven))
-        sent, drove = np.sum(self._ways, axis=0)
-        fastest = max(hypot(*one) for one, _ in self._ways) / period
-        off, went = hypot(*(drove - sent)), hypot(*drove)
-        allowed = LEAST_RUNAWAY_WAY + RUNAWAY_WAY_SHARE * hypot(*sent) + DRIVE_LAG * fastest
-        if off > allowed and went > LEAST_RUNAWAY_WAY:
+        self._motions.append((asked, driven))
+        sent, drove = np.sum(self._motions, axis=0)
+        fastest = np.max([_way_and_turn(one) for one, _ in self._motions], axis=0) / period
+        off, went = _way_and_turn(drove - sent), _way_and_turn(drove)
+        allowed = RUNAWAY_MOTION_SHARE * _way_and_turn(sent) + DRIVE_LAG * fastest
+        if ((off > LEAST_RUNAWAY_MOTION + allowed) & (went > LEAST_RUNAWAY_MOTION)).any():
             if now > self._until:
                 self._until = now + self._retry
                 self._retry *= 2
-            self._ways.clear()
-        return off if now < self._until else 0.0
+            way, turn = 1e3 * off[0], degrees(off[1])
+            self._words = f"it drove {way:.0f} mm and turned {turn:.0f}° off its commands"
+            self._motions.clear()
+        return self._words if now < self._until else ""
+
+
+def _way_and_turn(motion: Array) -> Array:
+    """Amounts of a motion along x and y, and in heading: metres and radians, shape (2,)."""
+    return np.array((hypot(motion[0], motion[1]), abs(motion[2])))
 
 
 def describe_unexplained_way(one: VehiclePoseEstimate) -> tuple[str, str]:
@@ -350,18 +357,17 @@ class StandstillWatch:
         stopped, runaways = list[int](), list[int]()
         poses, sigmas = estimate.poses, estimate.sigmas
         for v, state in enumerate(states):
-            rim = period * np.array((1.0, 1.0, self._team.body_radius))
-            told = driven = rim * velocity_from_twist(asked[v], poses[v, 2])
+            told = driven = period * velocity_from_twist(asked[v], poses[v, 2])
             if isinstance(state, VehicleState):
-                driven = rim * velocity_from_twist(state.odometry, poses[v, 2])
-            off, check = self._runaways[v].update(now, told, driven, period), self._checks[v]
+                driven = period * velocity_from_twist(state.odometry, poses[v, 2])
+            astray, check = self._runaways[v].update(now, told, driven, period), self._checks[v]
             way = told[:2]
             if targets is not None and hypot(*(poses[v] - targets[v])[:2]) < AT_TARGET_DISTANCE:
                 way = np.zeros(2)
             moved = describe_unexplained_way(estimate.estimates[v])[0] == "moved"
             if moved:  # what else moves it shows nothing of its drives
                 check = self._checks[v] = StandstillCheck()
-            if off:
+            if astray:
                 runaways.append(v)
                 check = self._checks[v] = StandstillCheck()
             fault = isinstance(state, VehicleFault) or bool(state.fault)
@@ -370,18 +376,18 @@ class StandstillWatch:
                 if v not in self.doubted and not isinstance(state, VehicleLinkLost):
                     why = _describe_fault(state) or "it is commanded to drive, and does not move"
                     self._report("stopped", f"vehicle {v + 1}: {why}")
-            self._report_motion(v, off, estimate.estimates[v])
+            self._report_motion(v, astray, estimate.estimates[v])
         doubted = tuple(v for v, check in enumerate(self._checks) if check.doubted)
         for v in sorted(set(self.doubted) - set(doubted)):
             self._report("drives again", f"vehicle {v + 1}")
         self._states, self.stopped, self.doubted = states, tuple(stopped), doubted
         self.runaways = tuple(runaways)
 
-    def _report_motion(self, v: int, off: float, one: VehiclePoseEstimate) -> None:
+    def _report_motion(self, v: int, astray: str, one: VehiclePoseEstimate) -> None:
         """Report how a vehicle's motion differs from its commands, or from its wheels'."""
         name, words = describe_unexplained_way(one)
-        if off:
-            name, words = "off plan", f"it drove {1e3 * off:.0f} mm off its commands"
+        if astray:
+            name, words = "off plan", astray
         if name and self._reported.get(v) != name and not self._checks[v].doubted:
             self._report(name, f"vehicle {v + 1}: {words}")
         self._reported[v] = name

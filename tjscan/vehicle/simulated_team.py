@@ -68,7 +68,7 @@ class SimulatedTeam:
             self.world.order(vehicle.which, vehicle.twist_to_drive())
         self.world.advance(VEHICLE_STATE_PERIOD)
         for vehicle in self.vehicles:
-            vehicle.store_world_state()
+            vehicle.read_own_world_state()
 
 
 class TeamVehicle(LocalVehicle):
@@ -115,8 +115,8 @@ class TeamVehicle(LocalVehicle):
 
     # What the team asks of it
 
-    def store_world_state(self) -> None:
-        """Look at the world."""
+    def read_own_world_state(self) -> None:
+        """Keep the state that the world has for this vehicle."""
         self._state = self._team.world.state(self.which)
         self._unread.append(self._state)
 

@@ -248,7 +248,7 @@ class _ScaledArm:
     model: ArmModel
     sigmas: Array
 
-    def first_order(self, T_f_s: Array, parameters: Array) -> tuple[Array, Array]:
+    def residuals_and_jacobian(self, T_f_s: Array, parameters: Array) -> tuple[Array, Array]:
         found = self.linearise(T_f_s, parameters)
         return found.residuals, found.jacobian
 

@@ -140,7 +140,7 @@ class CombinedModel:
             total += float((r * np.linalg.solve(part.covariance, r)).sum())
         return total
 
-    def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
+    def residuals_and_jacobian(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
         """Residuals of all profiles, shape (N,), and their derivatives; see `linearise_each`.
 
         Returns
@@ -323,7 +323,7 @@ def refine_by_least_squares(
 class LeastSquaresModel(Protocol):
     """Residuals of profiles by the sensor's pose and other parameters."""
 
-    def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
+    def residuals_and_jacobian(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
         """Residuals, shape (N,), and their derivatives, shape (N, 6 + m)."""
 
     def linearise(self, T_f_s: Array, target: Array) -> StackedResiduals:
@@ -394,20 +394,20 @@ class _CachedLinearisation:
 
     def residuals(self, theta: Array) -> Array:
         """At a step of the sensor from its base and the other parameters, shape (6 + m,)."""
-        found = self._first_order(theta)[0][self._rows]
+        found = self._residuals_and_jacobian(theta)[0][self._rows]
         return np.concatenate((whiten_residuals(self._L, found), self._prior @ theta[6:]))
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives of `residuals`."""
-        J = self._first_order(theta)[1][self._rows]
+        J = self._residuals_and_jacobian(theta)[1][self._rows]
         # From a small turn on top of theta's rotation to a change of the rotation vector.
         J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
         return _append_prior(whiten_residuals(self._L, J), self._prior)
 
-    def _first_order(self, theta: Array) -> tuple[Array, Array]:
+    def _residuals_and_jacobian(self, theta: Array) -> tuple[Array, Array]:
         if not np.array_equal(theta, self._at):
-            T_f_s = boxplus(self._base, theta[:6])
-            self._at, self._found = theta.copy(), self._model.first_order(T_f_s, theta[6:])
+            found = self._model.residuals_and_jacobian(boxplus(self._base, theta[:6]), theta[6:])
+            self._at, self._found = theta.copy(), found
         return self._found
 
 

@@ -23,7 +23,7 @@ from tjscan.laser.profile import Profile
 REFERENCE_PITCH: Final = 0.25e-3
 """Distance of a reference's points, in metres: about the pitch of the sensor's columns."""
 
-SMOOTHED_POINTS: Final = 7
+SLOPE_POINTS: Final = 7
 """Points over which a reference's slope is taken: its noise must not look like shape."""
 
 MOST_REGISTRATION_ROUNDS: Final = 8
@@ -130,7 +130,7 @@ class ReferenceProfile:
         middle = _medians_by_index(index, level)
         spread = MAD_TO_SIGMA * _medians_by_index(index, np.abs(level - middle[index]))
         depth, spread = (np.interp(across, REFERENCE_PITCH * cells, v) for v in (middle, spread))
-        variance = _convolve_padded(spread**2, np.full(SMOOTHED_POINTS, 1 / SMOOTHED_POINTS))
+        variance = _convolve_padded(spread**2, np.full(SLOPE_POINTS, 1 / SLOPE_POINTS))
         # A median of independent values is less certain than their mean.
         own = noise**2 * min(0.5 * np.pi / len(placements), 1.0)
         changes = np.maximum(variance - noise**2, 0.0)
@@ -147,7 +147,7 @@ def _sigma_of_mean(placements: Sequence[JointPlacement]) -> float:
 
 def _smoothed_slope(depth: Array) -> Array:
     """Slope of depths at even steps: of the line through the points about each."""
-    window = np.arange(SMOOTHED_POINTS) - SMOOTHED_POINTS // 2
+    window = np.arange(SLOPE_POINTS) - SLOPE_POINTS // 2
     return _convolve_padded(depth, -window / (REFERENCE_PITCH * (window @ window)))
 
 

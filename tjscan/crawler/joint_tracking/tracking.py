@@ -56,7 +56,7 @@ REFUSALS_BEFORE_SEARCH: Final = 5
 """Profiles in a row that are refused before the joint is searched for again: a search takes longer
 than a sensor's period."""
 
-LEARNING_SHARE: Final = 0.05
+WEIGHT_OF_NEW_PROFILE: Final = 0.05
 """Share that each profile has in what is known of noise, width and the bevels' angles."""
 
 PROFILES_PER_CORRELATION: Final = 5
@@ -302,7 +302,7 @@ class JointTracker:
         self, row: _ProfileRays, lines: EdgeLines, width: float, *, known: bool
     ) -> None:
         """Learn noise, width and the bevels' angles against the hull."""
-        share = LEARNING_SHARE if known else 1.0
+        share = WEIGHT_OF_NEW_PROFILE if known else 1.0
         first, last = np.searchsorted(row.t, lines.edges).tolist()
         sides = slice(None, first), slice(last, None)
         residuals = np.concatenate(
@@ -317,14 +317,14 @@ class JointTracker:
             # Three standard deviations leave out a bit of the variance, four coefficients more.
             left = 0.973 * (1 - 4 / np.count_nonzero(on))
             noise = sqrt(float(np.mean(residuals[on] ** 2)) / left)
-            self._noise += LEARNING_SHARE * (noise - self._noise)
+            self._noise += WEIGHT_OF_NEW_PROFILE * (noise - self._noise)
             if self._count % PROFILES_PER_CORRELATION == 0:
                 order = np.argsort(columns[on])
                 correlation = estimate_correlation(
                     residuals[on][order] / noise, columns[on][order], row.count, 4
                 )
                 more = correlation.variance_inflation - self._inflation
-                self._inflation += LEARNING_SHARE * more
+                self._inflation += WEIGHT_OF_NEW_PROFILE * more
         self._width += share * (width - self._width)
         angles = lines.angles
         against = angles[BEVEL_LINES] - angles[PLATE_LINES].mean()

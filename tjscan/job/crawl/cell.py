@@ -71,7 +71,7 @@ class SimulatedWeld:
         """True place of the vehicle and of its torch."""
         return SimulatedPlace(self.pose_ahead(0.0), self.torch_place())
 
-    def view(self) -> tuple[Array, SectionLaserPose]:
+    def section_below_laser(self) -> tuple[Array, SectionLaserPose]:
         """Section below the laser, and the laser's pose over it."""
         self._weld_below_torch()
         vehicle, joint = self.job.vehicle, self.world.joint
@@ -190,7 +190,7 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch, weld)
     clock = monotonic if body is None else lambda: body.time
     rng = np.random.default_rng([world.seed, LASER_RANDOM_STREAM])
-    laser = SimulatedSectionLaser(weld.view, weld.laser_model, clock, rng=rng)
+    laser = SimulatedSectionLaser(weld.section_below_laser, weld.laser_model, clock, rng=rng)
     return CrawlCell(vehicle, laser, torch, weld, clock)
 
 

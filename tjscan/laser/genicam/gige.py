@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from math import inf
 from typing import Final, Generic, Self, TypeVar
 
@@ -131,15 +132,15 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
                 "Start again."
             )
         when, uncertainty = exposure_on_cell_clock(block.exposed, block.uncertainty, cell, read)
-        return self._parse_block(block, when, uncertainty)
+        return replace(self._parse_block(block), time=when, time_uncertainty=uncertainty)
 
     @abstractmethod
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Find out what its payload means, or refuse it; the laser has just been connected."""
 
     @abstractmethod
-    def _parse_block(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
-        """The profile in a block, of this time on the cell's clock."""
+    def _parse_block(self, block: ReceivedBlock) -> Profile:
+        """The profile in a block, without its time."""
 
     @abstractmethod
     def _describe_payload(self) -> tuple[int, str, list[float]]:
@@ -303,14 +304,14 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
     def _check_payload(self, laser: ConnectedLaser) -> None:
         scales_of_laser(laser, self.settings)  # refuses what it can't read
 
-    def _parse_block(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
+    def _parse_block(self, block: ReceivedBlock) -> Profile:
         row = COORDINATE_FORMATS[block.pixel_format].point_size * block.columns
         if len(block.data) < row:
             raise ProfileFormatRefused(
                 f"a block of {len(block.data)} bytes holds no {block.columns} points in "
                 f"{block.pixel_format}"
             )
-        return profile_of_row(block.data[:row], block.pixel_format, self.scales, time, uncertainty)
+        return profile_of_row(block.data[:row], block.pixel_format, self.scales)
 
 
 class ScanControlLaser(GigeLaser[ScanControlSettings]):
@@ -352,7 +353,5 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Nothing is asked: the job states how it is set up."""
 
-    def _parse_block(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
-        return scancontrol.parse_scancontrol(
-            block.data, self.settings, self.scale, time, uncertainty
-        )
+    def _parse_block(self, block: ReceivedBlock) -> Profile:
+        return scancontrol.parse_scancontrol(block.data, self.settings, self.scale)

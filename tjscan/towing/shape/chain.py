@@ -8,7 +8,7 @@ gradient and Hessian need.
 from __future__ import annotations
 
 from math import cos, floor, pi, sin
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -100,26 +100,41 @@ def chain_hessian(parts: ChainDerivatives, links: Array, length: float, hessian:
         hessian[k, k] += joint[k, 1]
 
 
+HessianSums = tuple[float, float, float, float, float, float, float, float]
+"""What a joint needs of the links from its own on: gradient (x, y) and Hessian (xx, xy, yy) by
+position, and the Hessian by x and heading, y and heading, and heading."""
+
+NO_HESSIAN_SUMS: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@compiled
+def add_link_to_hessian(
+    i: int, parts: ChainDerivatives, links: Array, length: float, sums: HessianSums
+) -> HessianSums:
+    """Sums with those of link i, which turns about its near end."""
+    _, point, turn = parts
+    sx, sy, xx, xy, yy, xt, yt, tt = sums
+    ax, ay = -length * links[i, 4], length * links[i, 3]
+    sx += point[i, 0]
+    sy += point[i, 1]
+    xx += point[i, 2]
+    xy += point[i, 3]
+    yy += point[i, 4]
+    by_x, by_y = xx * ax + xy * ay, xy * ax + yy * ay
+    tt += turn[i, 1] - ay * sx + ax * sy
+    tt += ax * by_x + ay * by_y + 2.0 * (ax * xt + ay * yt)
+    return sx, sy, xx, xy, yy, xt + by_x, yt + by_y, tt
+
+
 @compiled
 def chain_hessian_diagonal(
     parts: ChainDerivatives, links: Array, length: float, diagonal: Array
 ) -> None:
     """Diagonal of the Hessian by the angles, shape (N,), filled in O(N)."""
-    joint, point, turn = parts
-    sx, sy, xx, xy, yy, xt, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(len(joint) - 1, -1, -1):
-        ax, ay = -length * links[i, 4], length * links[i, 3]
-        sx += point[i, 0]
-        sy += point[i, 1]
-        xx += point[i, 2]
-        xy += point[i, 3]
-        yy += point[i, 4]
-        by_x, by_y = xx * ax + xy * ay, xy * ax + yy * ay
-        tt += turn[i, 1] - ay * sx + ax * sy
-        tt += ax * by_x + ay * by_y + 2.0 * (ax * xt + ay * yt)
-        xt += by_x
-        yt += by_y
-        diagonal[i] = joint[i, 1] + tt
+    sums = NO_HESSIAN_SUMS
+    for i in range(len(diagonal) - 1, -1, -1):
+        sums = add_link_to_hessian(i, parts, links, length, sums)
+        diagonal[i] = parts.joint[i, 1] + sums[7]
 
 
 @compiled

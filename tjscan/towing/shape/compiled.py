@@ -18,28 +18,24 @@ F = TypeVar("F", bound=Callable[..., object])
 Indices = NDArray[np.int64]
 
 
-def compiled(function: F, *, inline: bool = False) -> F:
+def compiled(function: F) -> F:
     """Compile a function of numbers and arrays at its first call.
 
     Notes
     -----
     Sums may be reordered, so that loops run in vector registers; NaN and infinity stay what they
-    are. Numba takes a stored result for good while the function's own file is unchanged, whatever
-    became of the functions it calls: hence a directory for every state of what is compiled.
+    are. Calls from one compiled function to another are inlined: else which of several copies of
+    the other runs, and how it adds up, would depend on what else is loaded, and on whether this
+    process has compiled it. Numba takes a stored result for good while the function's own file is
+    unchanged, whatever became of the functions it calls: hence a directory for every state of what
+    is compiled.
     """
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _cache_directory()
     try:
-        compiler = numba.njit(
-            cache=True, forceinline=inline, fastmath={"reassoc", "contract", "nsz"}
-        )
-        return cast(F, compiler(function))
+        fast = {"reassoc", "contract", "nsz"}
+        return cast(F, numba.njit(cache=True, forceinline=True, fastmath=fast)(function))
     finally:
         numba.config.CACHE_DIR = before
-
-
-def inlined(function: F) -> F:
-    """The same for a part of a compiled function: tuples of arrays are slow to pass in a call."""
-    return compiled(function, inline=True)
 
 
 @cache
@@ -47,7 +43,7 @@ def _cache_directory() -> str:
     """Directory for this state of the sources, or the one Numba is set to if it can't be made."""
     room = Path(__file__).parent
     sources = (file.read_bytes() for file in sorted(room.glob("*.py")))
-    marks = (b"@compiled", b"@inlined", b"(NamedTuple)")
+    marks = (b"@compiled", b"@compiled", b"(NamedTuple)")
     digest = sha256(b"".join(s for s in sources if any(mark in s for mark in marks)))
     directory = room / "__pycache__" / f"numba-{digest.hexdigest()[:16]}"
     try:

@@ -17,7 +17,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape import linear
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.chain import chain_gradient, chain_hessian
-from tjscan.towing.shape.compiled import compiled, inlined
+from tjscan.towing.shape.compiled import compiled
 from tjscan.towing.shape.limits import (
     ROW_TYPE,
     SPARE_MARGIN,
@@ -50,8 +50,11 @@ LONGEST_JOINT_TURN: Final = 0.2
 LIMIT_VIOLATION_COST: Final = 1e3
 """Cost of a metre of slack; the objective is 100 at worst and changes by some tens a metre."""
 
-MOST_TRIALS: Final = 13
-"""Of steps: a whole one, one corrected for the curvature of constraints, and ever shorter ones."""
+TRIALS_OF_A_LENGTH: Final = 3
+"""Of steps: as it is, corrected for the curvature of constraints, and corrected again."""
+
+MOST_TRIALS: Final = 5 * TRIALS_OF_A_LENGTH
+"""Of a whole step, and of ever shorter ones."""
 
 LARGEST_CLOSED_MISS: Final = 1e-4
 """Metres by which a limit is missed at most that the last step closes."""
@@ -61,6 +64,9 @@ LEAST_MULTIPLIER: Final = 1e-6
 
 SPEED_VIOLATION_FACTOR: Final = 3.0
 """How much more a metre counts that a vehicle can't drive: no clearance is worth it."""
+
+ACTIVE_ROW_SOFTNESS: Final = 1e-14
+"""Metres by which an active row gives way to its multiplier, each: equal rows then share one."""
 
 QP_SOLVED: Final = proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
 
@@ -169,7 +175,7 @@ def _evaluate_shape(
     return f, np.abs(state.constraint).sum(), worst + worst_disc, used
 
 
-@inlined
+@compiled
 def _add_limit_forces(rows: LimitRows, z: Array, point: Array) -> None:
     """Add the forces of the multipliers of rows to those of the links."""
     for r in range(len(rows)):
@@ -183,7 +189,7 @@ def _add_limit_forces(rows: LimitRows, z: Array, point: Array) -> None:
                 point[row.other, 1] -= z[r] * row.grows_y
 
 
-@inlined
+@compiled
 def _solve_by_active_set(
     program: _QuadraticProgram,
     root: Array,
@@ -313,12 +319,13 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
             after.move_to(now.angles + share * step + correction, band)
             if after.merit(fix) <= merit + 1e-4 * share * slope + 1e-10 * abs(merit):
                 break
-            if trial == 0:
+            if trial % TRIALS_OF_A_LENGTH < TRIALS_OF_A_LENGTH - 1:
                 missed = after.state.constraint - (1 - share * reach) * now.state.constraint
                 held = rows[np.abs(z) > LEAST_MULTIPLIER] if len(z) == len(rows) else rows[:0]
-                correction = _correct_for_curvature(limits, now, after, held, missed)
+                way = share * step
+                correction += _correct_for_curvature(limits, now, after, held, way, missed)
             else:
-                correction, share = np.zeros(n), 0.5 * share
+                correction, share = np.zeros(n), 0.25 * share
         else:
             if len(z) == 0 or band > LIMIT_INCLUSION_MARGIN:
                 break
@@ -346,7 +353,12 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
 
 
 def _correct_for_curvature(
-    limits: LimitedProblem, now: _ShapeIterate, after: _ShapeIterate, rows: LimitRows, missed: Array
+    limits: LimitedProblem,
+    now: _ShapeIterate,
+    after: _ShapeIterate,
+    rows: LimitRows,
+    step: Array,
+    missed: Array,
 ) -> Array:
     """Least further step that makes up for what a step misses constraints and limits by.
 
@@ -357,14 +369,16 @@ def _correct_for_curvature(
     ----------
     limits : LimitedProblem
     now, after : _ShapeIterate
-        Before the step, and after it.
+        Before the step, and after it, as far as it is corrected.
     rows : ndarray of `limits.ROW_TYPE`
         Limits that hold the shape.
+    step : ndarray, shape (N,)
+        Uncorrected, radians.
     missed : ndarray, shape (3 E,)
         By the constraints.
     """
     links, moved, gradients = now.state.links, after.state.links, _held_gradients(limits, now, rows)
-    lost = gradients[len(missed) :] @ (after.angles - now.angles)
+    lost = gradients[len(missed) :] @ step
     ends, moved_ends = links[:, 0] + 1j * links[:, 1], moved[:, 0] + 1j * moved[:, 1]
     turned = np.exp(1j * (moved[:, 2] - links[:, 2]))
     for link, x, y, sign in (("link", "x", "y", 1), ("other", "other_x", "other_y", -1)):
@@ -413,7 +427,13 @@ def _solve_program(
         qp.solve()
         found = qp.results
         if found.info.status == QP_SOLVED:
-            left = float(np.maximum(found.x[n:], 0.0).sum())
-            return found.x[:n], left, found.y, found.z[:-2], reach
+            # ProxQP's last digits depend on where its memory is: what it found active is solved.
+            held, z = np.abs(found.z) > LEAST_MULTIPLIER, np.zeros(len(rows))
+            active = np.vstack((A, rows[held]))
+            soft = -ACTIVE_ROW_SOFTNESS * np.eye(len(active))
+            right = np.concatenate((-gradient, -reach * constraint, low[held]))
+            solution = np.linalg.solve(np.block([[hessian, active.T], [active, soft]]), right)
+            step, y, z[held] = np.split(solution, (n + 2, n + 2 + m))
+            return step[:n], float(np.maximum(step[n:], 0.0).sum()), y, z[:-2], reach
         reach *= 0.25
     return np.zeros(n), now.worst, np.zeros(m), np.zeros(0), 0.0

@@ -20,7 +20,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import TowingTeam
 from tjscan.towing.shape.chain import place_links
-from tjscan.towing.shape.compiled import Indices, compiled, inlined
+from tjscan.towing.shape.compiled import Indices, compiled
 from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.tables import LimitSettings
@@ -172,14 +172,14 @@ class ChainPoint(NamedTuple):
 NO_CHAIN_POINT: Final = ChainPoint(-1, 0.0, 0.0)
 
 
-@inlined
+@compiled
 def link_end(i: int, root: Array, links: Array) -> ChainPoint:
     """Far end of link i; of -1 the root."""
     x, y = (root[0], root[1]) if i < 0 else (links[i, 0], links[i, 1])
     return ChainPoint(i, x, y)
 
 
-@inlined
+@compiled
 def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> ChainPoint:
     """Point of link i nearest to (x, y)."""
     a = link_end(i - 1, root, links)
@@ -188,7 +188,7 @@ def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> Ch
     return ChainPoint(i, a.x + t * ex, a.y + t * ey)
 
 
-@inlined
+@compiled
 def add_row(
     room: RowBuffer,
     kind: int,
@@ -208,7 +208,7 @@ def add_row(
     room.total[0] += 1
 
 
-@inlined
+@compiled
 def add_distance_row(
     room: RowBuffer, kind: int, apart: float, at: ChainPoint, other: ChainPoint, disc: int = -1
 ) -> None:
@@ -220,7 +220,7 @@ def add_distance_row(
         add_row(room, kind, d - apart, x / d, y / d, at, other, disc)
 
 
-@inlined
+@compiled
 def add_obstacle_rows(
     room: RowBuffer, kind: int, apart: float, at: ChainPoint, obstacles: Obstacles, of_all: bool
 ) -> None:
@@ -233,7 +233,7 @@ def add_obstacle_rows(
             add_row(room, kind, d - apart, gx, gy, at, NO_CHAIN_POINT, max(k - solids, -1))
 
 
-@inlined
+@compiled
 def do_segments_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
     """Whether the lines from a to b and from c to d cross, all of shape (2,)."""
     ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
@@ -244,7 +244,7 @@ def do_segments_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
     return bool(c_side * d_side < 0.0 and a_side * b_side < 0.0)
 
 
-@inlined
+@compiled
 def add_crossed_edge_rows(
     room: RowBuffer, apart: float, i: int, root: Array, links: Array, corners: Array
 ) -> None:
@@ -266,7 +266,7 @@ def add_crossed_edge_rows(
             add_row(room, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end)
 
 
-@inlined
+@compiled
 def add_link_obstacle_rows(
     room: RowBuffer, links: Array, limits: LimitArrays, obstacles: Obstacles
 ) -> None:
@@ -295,7 +295,7 @@ def add_link_obstacle_rows(
                 add_distance_row(room, kind, apart + disc[4], at, place, k // 2)
 
 
-@inlined
+@compiled
 def add_link_body_rows(room: RowBuffer, i: int, links: Array, limits: LimitArrays) -> None:
     """Rows of all links but the next ones to the vehicle that holds link i."""
     root, length, apart = limits.root, limits.length, limits.body_clearance
@@ -310,7 +310,7 @@ def add_link_body_rows(room: RowBuffer, i: int, links: Array, limits: LimitArray
             add_distance_row(room, LimitKind.LINK_TO_BODY, apart, at, centre)
 
 
-@inlined
+@compiled
 def add_link_link_rows(
     room: RowBuffer, apart: float, i: int, j: int, root: Array, links: Array
 ) -> None:
@@ -332,7 +332,7 @@ def add_link_link_rows(
         add_row(room, kind, -least - apart, x, y, nearest_end, nearest)
 
 
-@inlined
+@compiled
 def add_cable_self_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
     """Rows of links that are near each other, but for the next ones."""
     n, root, length, apart = len(links), limits.root, limits.length, limits.cable_gap
@@ -348,7 +348,7 @@ def add_cable_self_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> N
             j += max(1, int((d - reach) / length))
 
 
-@inlined
+@compiled
 def add_speed_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
     """Rows of vehicles in `SPEED_DIRECTIONS`.
 
@@ -364,7 +364,7 @@ def add_speed_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
                 add_row(room, LimitKind.SPEED, margin, -ux, -uy, at)
 
 
-@inlined
+@compiled
 def add_joint_rows(room: RowBuffer, angles: Array, most: float) -> None:
     """Rows of joints that are bent nearly as far as the cable may be, `most` radians."""
     for i in range(len(angles)):
@@ -374,7 +374,7 @@ def add_joint_rows(room: RowBuffer, angles: Array, most: float) -> None:
             add_row(room, LimitKind.JOINT, margin, sign, 0.0, joint)
 
 
-@inlined
+@compiled
 def fill_limit_rows(
     room: RowBuffer, angles: Array, links: Array, limits: LimitArrays, obstacles: Obstacles
 ) -> None:
@@ -437,7 +437,7 @@ def limit_gradients(rows: LimitRows, root: Array, links: Array, gradients: Array
             gradients[r, k] = total
 
 
-@inlined
+@compiled
 def add_margin_changes(
     rows: LimitRows, step: Array, root: Array, links: Array, margins: Array
 ) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.towing.shape import chain
 from tjscan.towing.shape.chain import ChainDerivatives
-from tjscan.towing.shape.compiled import compiled, inlined
+from tjscan.towing.shape.compiled import compiled
 
 
-@inlined
+@compiled
 def factorise_shifted(
     parts: ChainDerivatives, links: Array, length: float, shift: float, factor: Array
 ) -> bool:
@@ -31,36 +32,24 @@ def factorise_shifted(
         Filled: the turn of a joint by x, y and heading of the link before, its pivot, and how its
         link's end goes as it turns.
     """
-    joint, point, turn = parts
-    sx, sy, xx, xy, yy, xt, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(len(joint) - 1, -1, -1):
-        ax, ay = -length * links[i, 4], length * links[i, 3]
-        sx += point[i, 0]
-        sy += point[i, 1]
-        xx += point[i, 2]
-        xy += point[i, 3]
-        yy += point[i, 4]
-        by_x, by_y = xx * ax + xy * ay, xy * ax + yy * ay
-        tt += turn[i, 1] - ay * sx + ax * sy
-        tt += ax * by_x + ay * by_y + 2.0 * (ax * xt + ay * yt)
-        xt += by_x
-        yt += by_y
-        own = joint[i, 1] + shift
+    sums = chain.NO_HESSIAN_SUMS
+    for i in range(len(factor) - 1, -1, -1):
+        sums = chain.add_link_to_hessian(i, parts, links, length, sums)
+        sx, sy, xx, xy, yy, xt, yt, tt = sums
+        own = parts.joint[i, 1] + shift
         pivot = own + tt
         if not pivot > 1e-12 * (abs(own) + abs(tt)) + 1e-14:
             return False
         factor[i, 0], factor[i, 1], factor[i, 2] = xt / pivot, yt / pivot, tt / pivot
-        factor[i, 3], factor[i, 4], factor[i, 5] = pivot, ax, ay
-        xx -= xt * factor[i, 0]
-        xy -= xt * factor[i, 1]
-        yy -= yt * factor[i, 1]
-        xt *= own / pivot  # as `xx` does, but exact if `tt` is far larger than `own`
-        yt *= own / pivot
-        tt *= own / pivot
+        factor[i, 3] = pivot
+        factor[i, 4], factor[i, 5] = -length * links[i, 4], length * links[i, 3]
+        xx, xy, yy = xx - xt * factor[i, 0], xy - xt * factor[i, 1], yy - yt * factor[i, 1]
+        left = own / pivot  # of the last three; as of `xx`, but exact if `tt` is far above `own`
+        sums = sx, sy, xx, xy, yy, left * xt, left * yt, left * tt
     return True
 
 
-@inlined
+@compiled
 def factorise_convex(
     parts: ChainDerivatives, links: Array, length: float, shift: float, factor: Array, least: float
 ) -> float:
@@ -157,7 +146,7 @@ def least_squares_multipliers(rows: Array, gradient: Array, multipliers: Array) 
     return residual
 
 
-@inlined
+@compiled
 def weigh_constraint_squares(rows: Array, diagonal: Array) -> float:
     """Weight with which A'A, of the constraints' rows A, is added to a Hessian of that diagonal.
 

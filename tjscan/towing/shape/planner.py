@@ -239,10 +239,13 @@ class CheckedShape:
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LONGEST_LINK_STEP))
+        entered = {disc: worst_margin(here[here["disc"] == disc]) for disc in here["disc"].tolist()}
         for k in range(1, steps):
             between = self._rows_of_places(estimate + k / steps * (self.angles - estimate))
-            if worst_margin(between) < min(-LONGEST_LINK_STEP, worst_margin(here)):
-                return f"on the way there, {self._worst_row(between)}"
+            allowed = [entered.get(disc, 0.0) for disc in between["disc"].tolist()]
+            broken = between[between["margin"] < np.minimum(allowed, -LONGEST_LINK_STEP)]
+            if len(broken):
+                return f"on the way there, {self._worst_row(broken)}"
         return ""
 
     def _rows_of_places(self, angles: Array) -> LimitRows:

@@ -26,7 +26,7 @@ from tjscan.towing.shape import chain, linear
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import Cable
 from tjscan.towing.shape.chain import ChainDerivatives, place_links
-from tjscan.towing.shape.compiled import Indices, compiled, inlined
+from tjscan.towing.shape.compiled import Indices, compiled
 from tjscan.towing.shape.distance import SignedDistance, distance_to_obstacle
 from tjscan.towing.shape.estimate import PULL_TERM_INDEX, CablePull
 from tjscan.towing.shape.plan import PlanTerms
@@ -174,17 +174,17 @@ def new_shape_state(n: int, fixed: int) -> ShapeState:
     return ShapeState(links, joint, point, turn, np.empty(5), constraint, jacobian)
 
 
-make_shape_state = inlined(new_shape_state)
+make_shape_state = compiled(new_shape_state)
 """`new_shape_state` for compiled functions: they are slow to give tuples back."""
 
 
-@inlined
+@compiled
 def derivatives_of_state(state: ShapeState) -> ChainDerivatives:
     """What joints and links contribute to the derivatives of a shape's objective."""
     return ChainDerivatives(state.joint, state.point, state.turn)
 
 
-@inlined
+@compiled
 def evaluate_shape(
     angles: Array, problem: ShapeArrays, obstacles: Obstacles, state: ShapeState
 ) -> float:
@@ -314,7 +314,7 @@ class ShapeProblem:
         return state.constraint, state.jacobian
 
 
-@inlined
+@compiled
 def add_multipliers(problem: ShapeArrays, y: Array, point: Array) -> None:
     """Add the forces of the constraints' multipliers, shape (3 E,), to those of the links."""
     fixed = problem.fixed
@@ -353,7 +353,7 @@ def pull_gradient_after_step(
             force[1] = costs[m, 5] + costs[m, 7] * x + costs[m, 8] * y
 
 
-@inlined
+@compiled
 def factorise_lagrangian(
     problem: ShapeArrays, state: ShapeState, force: Array, shift: float, factor: Array
 ) -> tuple[float, float]:
