@@ -386,6 +386,8 @@ class StandstillWatch:
     def _report_motion(self, v: int, astray: str, one: VehiclePoseEstimate) -> None:
         """Report how a vehicle's motion differs from its commands, or from its wheels'."""
         name, words = describe_unexplained_way(one)
+        if name == "moved" and {v - 1, v + 1} & set(self.doubted):
+            name = ""  # by the cable, which the one at a standstill holds
         if astray:
             name, words = "off plan", astray
         if name and self._reported.get(v) != name and not self._checks[v].doubted:
