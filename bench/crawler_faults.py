@@ -103,7 +103,7 @@ ROUGH: Final[dict[str, SoundRow]] = {
     "kink 3 mm in 100 mm": SoundRow(Hull(kink=3e-3), (0.3, 0.3, 0.3)),
     "filled by a tack for 40 mm": SoundRow(Hull(tack=(0.2, 0.08, 0.02)), (0.3, 0.3, 0.3)),
 }
-"""Rows of the whole bench alone: joints on which a crawl should go on."""
+"""Rows of the whole bench, or if asked for by name: joints on which a crawl should go on."""
 
 KNOCK, WHEELS = ("knocked aside",), ("encoder", "slip")
 FAULTS: Final[dict[str, tuple[str, tuple[float, float], tuple[str, ...]]]] = {
@@ -293,7 +293,8 @@ LASER_FAULTS: Final = ("frozen", "late", "mirrored")
 def measure(*, quick: bool, seeds: int, only: str) -> Iterator[Row]:
     """Every row."""
     faults = tuple(name for name in FAULTS if only in name)
-    names = [name for name in (SOUND if quick else {**SOUND, **ROUGH}) if only in name or faults]
+    rows_asked = SOUND if quick and not only else {**SOUND, **ROUGH}
+    names = [name for name in rows_asked if only in name or (faults and name in SOUND)]
     hulls = HULLS_OF_A_FAULT - quick
     asked = [
         (

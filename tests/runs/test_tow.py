@@ -4,6 +4,7 @@ import json
 import signal
 import tomllib
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -19,6 +20,8 @@ from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.tow.results import key_figures_of_tow, read_recorded_tow, read_tow_key_figures
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow
+from tjscan.towing.shape.plan import PlanInputs, TowingPlan
+from tjscan.towing.shape.planner import TowingPlanner
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tow-simulation.toml"
 SHORT = (
@@ -144,6 +147,18 @@ def test_a_replay_with_the_same_keys_plans_the_same(
     for was, now in zip(angles(out), angles(again), strict=True):
         assert now == pytest.approx(was, abs=1e-6)
     assert tjscan("tow", "run", "--resume", again) == 2
+
+
+def test_a_replay_waits_where_the_plan_now_leads_away(out: Path, tmp_path: Path) -> None:
+    plan, away = TowingPlanner.plan, "too near to a crate"
+
+    def plan_away(planner: TowingPlanner, inputs: PlanInputs) -> TowingPlan:
+        return replace(plan(planner, inputs), retreat=away)
+
+    with patch.object(TowingPlanner, "plan", plan_away):
+        assert tjscan("tow", "replay", out, "--out", tmp_path / "away") == 0
+    cycles = read_recorded_tow(tmp_path / "away").cycles
+    assert {(cycle.wait, cycle.pace) for cycle in cycles} == {(away, 0.0)}
 
 
 def test_a_jammed_welder_ends_the_tow_as_a_fault_of_a_device(tmp_path: Path) -> None:
