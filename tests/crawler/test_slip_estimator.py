@@ -224,3 +224,15 @@ def test_inertial_sensors_make_the_heading_surer_and_their_bias_is_learned() -> 
     assert abs(off) < 4 * known.estimate.sigma(heading)
     assert known.estimate.x[bias] == pytest.approx(GYRO_BIAS, abs=0.1e-3)
     assert known.estimate.x[SlipStateIndex.JOINT_DOWN] == pytest.approx(1.5, abs=2e-3)
+
+
+def test_neither_down_nor_the_bias_of_the_gyro_is_known_for_good() -> None:
+    """Plates are not straight, and a bias wanders: after a metre both are unsure again."""
+    first = SlipEstimate.before_any_reading(UNSURE)
+    sure = SlipEstimate(first.x, np.zeros((STATE_COUNT, STATE_COUNT)))
+    estimator = SlipEstimator(GEOMETRY, sure, UNSURE)
+    for _ in range(100):
+        estimator.move(TrackOdometry(0.1, 0.0, 0.1))
+    known = estimator.estimate
+    assert known.sigma(SlipStateIndex.GYRO_BIAS) == pytest.approx(UNSURE.gyro_bias_walk)
+    assert known.sigma(SlipStateIndex.JOINT_DOWN) == pytest.approx(UNSURE.joint_down_walk)

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from tjscan.core.errors import VehicleFault
 from tjscan.core.frames import Array
+from tjscan.towing.pose_filter import TeamEstimate, VehiclePoseEstimate
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.standstill import (
     FIRST_RETRY_SECONDS,
     LEAST_DRIVEN_SHARE,
@@ -12,7 +15,9 @@ from tjscan.towing.standstill import (
     STANDSTILL_ERROR_RATE,
     RunawayCheck,
     StandstillCheck,
+    StandstillWatch,
 )
+from tjscan.vehicle.vehicle import AT_REST, VehicleState
 
 PERIOD = 0.1
 ALONG = np.array((1e-3, 0.0))
@@ -112,3 +117,17 @@ def test_way_and_turn_are_each_held_against_what_was_commanded_of_them(share: fl
             for k in range(10)
         ]
         assert any(words) == (share > 1)
+
+
+def test_the_cable_that_a_stopped_vehicle_holds_is_to_blame_if_it_drags_the_next_one() -> None:
+    """Vehicle 1 is jammed; then vehicles 2 and 5 are dragged, and only 2 is beside it."""
+    events, still = list[tuple[str, str]](), np.zeros(2)
+    watch = StandstillWatch(Cable(), TowingTeam(), lambda name, text: events.append((name, text)))
+    well = VehicleState(0.0, AT_REST)
+    states: list[VehicleState | VehicleFault] = [VehicleFault("jammed"), *[well] * 5]
+    for k, way in enumerate((0.0, 0.01)):
+        offs = [np.full(2, way if v in (1, 4) else 0.0) for v in range(6)]
+        seen = [VehiclePoseEstimate(np.zeros(3), SIGMA, SIGMA, 0.0, "", still, off) for off in offs]
+        watch.update(k * PERIOD, PERIOD, states, [AT_REST] * 6, TeamEstimate(tuple(seen)))
+    found = [(name, text.partition(":")[0]) for name, text in events]
+    assert found == [("stopped", "vehicle 1"), ("moved", "vehicle 5")]
