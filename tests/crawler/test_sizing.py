@@ -148,7 +148,7 @@ def test_torques_of_pads_stated_in_part_are_those_of_the_whole(friction: float) 
 def test_a_vehicle_that_slides_down_breaks_a_rule(
     inclination: float, friction: float, grip: float
 ) -> None:
-    """Truth: the body of the simulation, with its tracks at rest and in the tightest turn."""
+    """Truth: the body of the simulation, on a straight way and in the tightest turn."""
     size = SizeSettings(safety=1.0, torque=1e4)  # neither magnets nor motors object
     changed: dict[str, Any] = {
         "inclination": np.radians(inclination),
@@ -158,9 +158,9 @@ def test_a_vehicle_that_slides_down_breaks_a_rule(
     size = replace(size, pads=replace(size.pads, **changed))
     for turn in (np.inf, 8.0):
         plant = PadPlant(size.pads, TrackGeometry(), np.zeros(3))
-        for _ in range(200):
+        for _ in range(60):
             plant.advance(0.005 * (1 + 0.2 / turn), 0.005 * (1 - 0.2 / turn), 1.0)
-        if plant.pose_w[0] < 0.5:  # of the metre that its tracks ran
+        if plant.pose_w[0] < 0.15:  # of the 0.3 m that its tracks ran
             assert broken_rules(size, TrackGeometry(), 8.0)
 
 
