@@ -93,11 +93,11 @@ SURPRISES_KEPT, JUMP_SHARE = 50, 0.5
 
 
 MOST_INERTIAL_MISFIT: Final = 5.0
-"""Standard deviations of a mean over `INERTIAL_MEAN_TIME`, which its faded mean scatters by 0.7 of:
-in sound crawls it comes to 2.4."""
+"""Standard deviations of a mean over `INERTIAL_MEAN_TIME`, which its faded mean scatters by 0.7 of;
+twice what it came to in sound crawls."""
 
 MOST_SAMPLE_MISFIT: Final = 60.0
-"""Of these a sample counts as no more: a push is no bias. It is six of its own at 50 Hz."""
+"""Of these a sample counts as no more: a push is no bias. It is 8.5 of its own at 50 Hz."""
 
 DEAD_GYRO_TIME: Final = 0.5
 """Seconds for which a gyro may repeat one value, in which its noise is, while the tracks turn."""
@@ -216,7 +216,8 @@ class InertialWatch:
                     name,
                     f"the {name} is biased: by {abs(mean):.0f} standard deviations it shows more "
                     f"turn to the {'right' if (mean > 0) == (name == 'gyro') else 'left'} than "
-                    "tracks and joint do. See that it is fixed, and calibrate it",
+                    "tracks and joint do. Check how it is mounted, and that it is not noisier than "
+                    f"{'slip.gyro_mrad_s' if name == 'gyro' else 'slip.down_mrad'} states",
                 )
 
 

@@ -126,7 +126,7 @@ def order_points(profile: Profile, settings: GrooveSettings) -> Profile:
     bearings = -profile.x_s[columns] / profile.z_s[columns]
     columns = columns[np.argsort(bearings, kind="stable")]
     x_s, z_s = profile.x_s[columns], profile.z_s[columns]
-    return Profile(x_s, z_s, columns=columns, column_count=len(profile))
+    return Profile(x_s, z_s, columns=profile.columns[columns], column_count=profile.column_count)
 
 
 def _fit_on_steel(row: Profile, settings: GrooveSettings, prior: GroovePrior | None) -> GrooveFit:

@@ -43,7 +43,7 @@ def _cache_directory() -> str:
     """Directory for this state of the sources, or the one Numba is set to if it can't be made."""
     room = Path(__file__).parent
     sources = (file.read_bytes() for file in sorted(room.glob("*.py")))
-    marks = (b"@compiled", b"@compiled", b"(NamedTuple)")
+    marks = (b"@compiled", b"(NamedTuple)")
     digest = sha256(b"".join(s for s in sources if any(mark in s for mark in marks)))
     directory = room / "__pycache__" / f"numba-{digest.hexdigest()[:16]}"
     try:

@@ -65,8 +65,11 @@ LEAST_MULTIPLIER: Final = 1e-6
 SPEED_VIOLATION_FACTOR: Final = 3.0
 """How much more a metre counts that a vehicle can't drive: no clearance is worth it."""
 
-ACTIVE_ROW_SOFTNESS: Final = 1e-14
+ACTIVE_ROW_SOFTNESS: Final = 1e-10
 """Metres by which an active row gives way to its multiplier, each: equal rows then share one."""
+
+ACTIVE_STEP_TOLERANCE: Final = 1e-3
+"""Radians by which the step may differ from ProxQP's; by more, other rows are active."""
 
 QP_SOLVED: Final = proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
 
@@ -434,6 +437,8 @@ def _solve_program(
             right = np.concatenate((-gradient, -reach * constraint, low[held]))
             solution = np.linalg.solve(np.block([[hessian, active.T], [active, soft]]), right)
             step, y, z[held] = np.split(solution, (n + 2, n + 2 + m))
+            if not np.allclose(step, found.x, rtol=0.0, atol=ACTIVE_STEP_TOLERANCE):
+                step, y, z = found.x, found.y, found.z
             return step[:n], float(np.maximum(step[n:], 0.0).sum()), y, z[:-2], reach
         reach *= 0.25
     return np.zeros(n), now.worst, np.zeros(m), np.zeros(0), 0.0

@@ -239,10 +239,14 @@ class CheckedShape:
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LONGEST_LINK_STEP))
-        entered = {disc: worst_margin(here[here["disc"] == disc]) for disc in here["disc"].tolist()}
+        entered = {
+            (kind, disc): worst_margin(here[(here["kind"] == kind) & (here["disc"] == disc)])
+            for kind, disc in here[["kind", "disc"]].tolist()
+            if kind != LimitKind.JOINT
+        }
         for k in range(1, steps):
             between = self._rows_of_places(estimate + k / steps * (self.angles - estimate))
-            allowed = [entered.get(disc, 0.0) for disc in between["disc"].tolist()]
+            allowed = [entered.get(key, 0.0) for key in between[["kind", "disc"]].tolist()]
             broken = between[between["margin"] < np.minimum(allowed, -LONGEST_LINK_STEP)]
             if len(broken):
                 return f"on the way there, {self._worst_row(broken)}"
