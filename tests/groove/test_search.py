@@ -239,3 +239,13 @@ def test_plates_that_turn_are_no_butt_joint() -> None:
     level[-1, 1] = 0.0
     z = 0.2 + np.interp(x, level[::-1, 0], level[::-1, 1])
     assert len(fit_groove(Profile(x, z), settings).fitted.corners) == 4
+
+
+def test_a_part_of_a_profile_keeps_its_sensors_columns() -> None:
+    whole = drawn(3)
+    part = Profile(
+        whole.x_s[::2], whole.z_s[::2], columns=whole.columns[::2], column_count=whole.column_count
+    )
+    row = order_points(part, DEFAULT_SETTINGS)
+    assert row.column_count == whole.column_count
+    assert (row.columns == whole.columns[::2]).all()

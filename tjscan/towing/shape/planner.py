@@ -241,7 +241,7 @@ class CheckedShape:
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LONGEST_LINK_STEP))
         entered = {
             (kind, disc): worst_margin(here[(here["kind"] == kind) & (here["disc"] == disc)])
-            for kind, disc in here[["kind", "disc"]].tolist()
+            for kind, disc in set(here[["kind", "disc"]].tolist())
             if kind != LimitKind.JOINT
         }
         for k in range(1, steps):
