@@ -116,7 +116,7 @@ FAULTS: Final[dict[str, tuple[str, tuple[float, float], tuple[str, ...]]]] = {
     "encoders swapped": ("swapped", (0.0, 0.0), WHEELS),
     "track spins": ("spins", (0.1, 1.0), WHEELS),
     "laser frozen with noise": ("frozen", (0.0, 0.0), ("laser frozen",)),
-    "laser late": ("late", (5, 50), ("laser frozen", "slip")),
+    "laser late": ("late", (5, 50), ("laser frozen", "slip", "joint bends")),
     "laser mirrored": ("mirrored", (0.0, 0.0), ("laser mirrored",)),
     "neighbour's joint": ("neighbour", (10e-3, 20e-3), ("joint jumped", "joint lost", *KNOCK)),
     "gyro dead": ("gyro dead", (0.0, 0.0), ("gyro",)),

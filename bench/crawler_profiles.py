@@ -266,7 +266,7 @@ def paper_rows() -> list[Row]:
         off, lost = [], 0
         for profile, truth, _ in views(HullJoint(), 0, SectionLaserModel(arc=arc), 1):
             try:
-                off.append(abs(float(read_joint_as_paper(profile).barycentre[0] - truth[0])))
+                off.append(abs(float(read_joint_as_paper(profile)[1][0] - truth[0])))
             except GrooveNotFound:
                 lost += 1
         share = 100 * (lost + sum(e > WRONG for e in off)) / PROFILES

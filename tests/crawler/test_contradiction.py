@@ -1,8 +1,8 @@
 """Data that contradict themselves stop arc and vehicle, and the cause is named."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from math import radians
+from math import radians, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -192,13 +192,54 @@ def turning(rate: float, k: int) -> VehicleState:
     return VehicleState(0.02 * k, Twist(8e-3, 1e-3 + 1e-5 * (k % 7)), gyro=(rate,))
 
 
+def go_on_with_gyro(watch: InertialWatch, rates: Iterable[float]) -> None:
+    for k, rate in enumerate(rates):
+        watch.add(turning(rate, k), (0.0, 0.0), 0.02)
+
+
 def test_a_gyro_that_repeats_one_value_while_the_tracks_turn_is_dead() -> None:
-    watch = InertialWatch()
+    watch, rng = InertialWatch(), np.random.default_rng(4)
+    go_on_with_gyro(watch, rng.standard_normal(1500))
     for k in range(100):  # exact, as the tracks that it drives
         watch.add(replace(turning(0.0, k), odometry=Twist(8e-3, 0.0)), (0.0, 0.0), 0.02)
-    with pytest.raises(CrawlStopped, match=r"is dead: it shows 0\.000 mrad/s"):  # noqa: PT012
-        for k in range(30):
-            watch.add(turning(0.0, k), (0.0, 0.0), 0.02)
+    with pytest.raises(CrawlStopped, match=r"is dead: it shows 0\.000 mrad/s"):
+        go_on_with_gyro(watch, [0.0] * 30)
+
+
+def test_a_gyro_that_is_coarse_and_smoothed_is_not_dead() -> None:
+    steps = np.cumsum(np.random.default_rng(5).standard_normal(20_000))
+    go_on_with_gyro(InertialWatch(), np.round(steps / 20).tolist())
+
+
+def test_noise_that_wanders_for_seconds_stops_no_sound_crawl() -> None:
+    watch, rng, off = InertialWatch(), np.random.default_rng(6), np.zeros(2)
+    for k in range(30_000):  # an hour's sixth, of three deviations of a mean each
+        off += -0.01 * off + 3 * sqrt(0.02) * rng.standard_normal(2)
+        rate = float(rng.standard_normal())
+        watch.add(turning(rate, k), (float(off[0]), float(off[1])), 0.02)
+
+
+@pytest.mark.parametrize(
+    ("gyro", "misfit", "guard"),
+    [((), 0.0, "slip"), ((1e-3,), 0.0, "joint bends"), ((1e-3,), 8.0, "slip")],
+)
+def test_a_joint_that_bends_is_told_from_tracks_that_slip_by_the_gyro(
+    gyro: tuple[float, ...], misfit: float, guard: str
+) -> None:
+    watch, rng, going = (
+        ContradictionWatch(TrackGeometry()),
+        np.random.default_rng(8),
+        Twist(8e-3, 0),
+    )
+    with pytest.raises(CrawlStopped) as caught:  # noqa: PT012
+        for k in range(400):
+            aside = 1e-6 * max(k - 100, 0)
+            watch.add(
+                going, going, 0.02, groove(-aside, rng), 10e-6 * rng.standard_normal() + aside
+            )
+            off = misfit if k > 100 else 0.0
+            watch.inertial.add(VehicleState(0.02 * k, going, gyro=gyro), (off, 0.0), 0.02)
+    assert caught.value.guard == guard
 
 
 @pytest.mark.parametrize(("name", "place"), [("gyro", 0), ("inclinometer", 1)])

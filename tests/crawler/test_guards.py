@@ -32,6 +32,8 @@ def guards() -> Guards:
     [
         (VehicleState(0.0, Twist(0.0, 0.0), fault="overheated"), "drive fault"),
         (VehicleState(0.0, Twist(nan, 0.0)), "vehicle"),
+        (VehicleState(0.0, Twist(0.0, 0.0), gyro=(nan,)), "vehicle"),
+        (VehicleState(0.0, Twist(0.0, 0.0), down=(inf,)), "vehicle"),
         (VehicleState(0.0, Twist(0.0, 0.0), torques=(inf, 0.0)), "vehicle"),
         (VehicleState(0.0, Twist(0.0, 0.0), torques=(3.0, -85.0)), "torque"),
     ],

@@ -7,8 +7,9 @@ each reading what the estimate expects, each picture the ones before, gyro and i
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import exp
+from math import exp, inf
 from typing import Final
 
 import numpy as np
@@ -92,15 +93,24 @@ SURPRISES_KEPT, JUMP_SHARE = 50, 0.5
 """Readings that show whether one jumped, and the share of what they are off by that is one jump."""
 
 
-MOST_INERTIAL_MISFIT: Final = 5.0
-"""Standard deviations of a mean over `INERTIAL_MEAN_TIME`, which its faded mean scatters by 0.7 of;
-twice what it came to in sound crawls."""
+LEAST_INERTIAL_SCATTER, FIRST_INERTIAL_SCATTER, INERTIAL_SCATTER_TIME = 0.83, 1.5, 30.0
+"""By how much misfits averaged over `INERTIAL_MEAN_TIME` scatter, at the least and until it is
+known, and the seconds in which it is learned: 0.7 if the noise is white, more if it wanders."""
 
 MOST_SAMPLE_MISFIT: Final = 60.0
 """Of these a sample counts as no more: a push is no bias. It is 8.5 of its own at 50 Hz."""
 
 DEAD_GYRO_TIME: Final = 0.5
 """Seconds for which a gyro may repeat one value, in which its noise is, while the tracks turn."""
+
+NOISY_GYRO_SHARE, NOISY_GYRO_TIME = 0.9, 10.0
+"""Share of samples, and the seconds over which it is taken, in which a gyro's noise has to have
+shown: a coarse one that is smoothed repeats itself though it is well."""
+
+
+BENDING_MISFIT: Final = 2.5
+"""Deviations of a mean of the gyro, up to which it turns as the tracks do: three and a half times
+what white noise scatters by. Tracks that are wrong by 5 % come to it in half a second."""
 
 
 @dataclass(slots=True)
@@ -155,39 +165,65 @@ class WheelWatch:
 
 
 @dataclass(slots=True)
-class ReadingWatch:
-    """Averages what readings are off from the estimate, and learns how far these means scatter."""
+class ScatterWatch:
+    """Averages what data are off by, and learns how far these means scatter.
 
-    _means: Array = field(default_factory=lambda: np.zeros(2))
-    _variances: Array = field(default_factory=lambda: np.square(LEAST_SCATTERS))
+    Parameters
+    ----------
+    memories, least : tuple of float
+        Over which way or time each mean is taken, and how far it scatters at the least.
+    scatter_memory : float
+        Way or time over which its true scatter is learned: it counts if it is larger.
+    largest : float
+        What is farther off counts as no more.
+    scatter : float, optional
+        What is taken for their scatter at first.
+    """
 
-    def add(self, surprise: float, way: float) -> tuple[bool, bool]:
-        """Take in how far a reading is off, metres, after some metres of way.
+    memories: tuple[float, ...]
+    least: tuple[float, ...]
+    scatter_memory: float
+    largest: float
+    scatter: float | Array = 0.0
+    means: Array = field(default_factory=lambda: np.zeros(2))
+
+    def add(self, off: float | Sequence[float], step: float) -> list[bool]:
+        """Take in what is off, after a step in the unit of the memories.
 
         Returns
         -------
-        tuple of bool
-            Whether the mean over `SUDDEN_LENGTH`, or `LASTING_LENGTH`, is no chance any more.
+        list of bool
+            Whether each mean is no chance any more.
         """
-        way = max(way, LEAST_WAY_PER_READING)
-        off = min(max(surprise, -LARGEST_SURPRISE), LARGEST_SURPRISE)
-        self._means += (1 - np.exp(-way / np.array((SUDDEN_LENGTH, LASTING_LENGTH)))) * (
-            off - self._means
-        )
-        limits = SCATTER_LIMIT * np.sqrt(np.maximum(self._variances, np.square(LEAST_SCATTERS)))
-        learned = np.minimum(self._means**2, (limits / 2) ** 2)
-        self._variances += min(way / SCATTER_MEMORY_LENGTH, 1.0) * (learned - self._variances)
-        sudden, lasting = (np.abs(self._means) > limits).tolist()
-        return sudden, lasting
+        bounded = np.clip(off, -self.largest, self.largest)
+        self.means += (1 - np.exp(-step / np.array(self.memories))) * (bounded - self.means)
+        limits = SCATTER_LIMIT * np.maximum(self.scatter, self.least)
+        learned = np.minimum(np.abs(self.means), limits / 2) ** 2 - self.scatter**2
+        self.scatter = np.sqrt(self.scatter**2 + min(step / self.scatter_memory, 1.0) * learned)
+        return list((np.abs(self.means) > limits).tolist())
 
 
 @dataclass(slots=True)
 class InertialWatch:
     """Holds gyro and inclinometer against what tracks and joint show of each turn."""
 
-    _means: Array = field(default_factory=lambda: np.zeros(2))
+    _misfits: ScatterWatch = field(
+        default_factory=lambda: ScatterWatch(
+            (INERTIAL_MEAN_TIME,) * 2,
+            (LEAST_INERTIAL_SCATTER,) * 2,
+            INERTIAL_SCATTER_TIME,
+            MOST_SAMPLE_MISFIT,
+            FIRST_INERTIAL_SCATTER,
+        )
+    )
     _last: tuple[tuple[float, ...], float] = ((), 0.0)
     _repeated: float = 0.0
+    _noisy_share: float = 0.0
+
+    @property
+    def turn_misfit(self) -> float:
+        """Deviations of a mean by which the gyro turns otherwise than tracks; inf without one."""
+        return abs(float(self._misfits.means[0])) if self._last[0] else inf
 
     def add(self, state: VehicleState, misfits: tuple[float, float], period: float) -> None:
         """Take in a state, its misfits as of `FollowingMethod.move`, and a period in seconds.
@@ -198,25 +234,26 @@ class InertialWatch:
             If a sensor repeats itself, or shows what nothing else does.
         """
         (gyro, turn), self._last = self._last, (state.gyro, state.odometry.turn_rate)
-        if state.gyro != gyro:
-            self._repeated = 0.0
-        elif gyro and state.odometry.turn_rate != turn:
-            self._repeated += period
-        off = np.clip(misfits, -MOST_SAMPLE_MISFIT, MOST_SAMPLE_MISFIT)
-        self._means += min(period / INERTIAL_MEAN_TIME, 1.0) * (off - self._means)
-        if self._repeated > DEAD_GYRO_TIME:
+        changed = state.gyro != gyro
+        if gyro and state.odometry.turn_rate != turn:
+            self._repeated = 0.0 if changed else self._repeated + period
+            self._noisy_share += min(period / NOISY_GYRO_TIME, 1.0) * (changed - self._noisy_share)
+        if self._repeated > DEAD_GYRO_TIME and self._noisy_share > NOISY_GYRO_SHARE:
             raise CrawlStopped(
                 "gyro",
                 f"the gyro is dead: it shows {1e3 * gyro[0]:.3f} mrad/s again and again, though "
                 "the vehicle moves. Look at its cable and supply",
             )
-        for name, mean in zip(("gyro", "inclinometer"), self._means.tolist(), strict=True):
-            if abs(mean) > MOST_INERTIAL_MISFIT:
+        contradicts = self._misfits.add(misfits, period)
+        for k, name in enumerate(("gyro", "inclinometer")):
+            if contradicts[k]:
+                mean = float(self._misfits.means[k])
                 raise CrawlStopped(
                     name,
-                    f"the {name} is biased: by {abs(mean):.0f} standard deviations it shows more "
-                    f"turn to the {'right' if (mean > 0) == (name == 'gyro') else 'left'} than "
-                    "tracks and joint do. Check how it is mounted, and that it is not noisier than "
+                    f"the {name} contradicts tracks and joint: by {abs(mean):.0f} standard "
+                    f"deviations it shows more turn to the "
+                    f"{'right' if (mean > 0) == (name == 'gyro') else 'left'}. Check that it is "
+                    "not biased, frozen, mounted the other way round, or noisier than "
                     f"{'slip.gyro_mrad_s' if name == 'gyro' else 'slip.down_mrad'} states",
                 )
 
@@ -332,11 +369,16 @@ class ContradictionWatch:
 
     def begin_again(self) -> None:
         """Forget what was: the vehicle is driven by hand, or rests there."""
-        self._wheels, self._readings = WheelWatch(self._tracks), ReadingWatch()
+        self._wheels = WheelWatch(self._tracks)
+        self._readings = ScatterWatch(
+            (SUDDEN_LENGTH, LASTING_LENGTH), LEAST_SCATTERS, SCATTER_MEMORY_LENGTH, LARGEST_SURPRISE
+        )
         self._pictures, self.inertial = PictureWatch(), InertialWatch()
         self._surprises: deque[float] = deque(maxlen=SURPRISES_KEPT)
         self._seen: Profile | None = None
         self._unseen, self._unseen_way = 0, 0.0
+        self._doubt: CrawlStopped | None = None
+        self._doubted_time = 0.0
 
     def add(
         self,
@@ -371,16 +413,34 @@ class ContradictionWatch:
         way = abs(shown.speed) * period
         self._wheels.add(commanded, shown, period)
         self._pictures.add(profile, way)
+        self._settle_doubt(period)
         self._unseen_way += way
         if surprise is None:
             if not filled:
                 self._check_unread(profile)
             return
         self._surprises.append(surprise)
-        sudden, lasting = self._readings.add(surprise, way)
+        sudden, lasting = self._readings.add(surprise, max(way, LEAST_WAY_PER_READING))
         self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
-        if sudden or lasting:
-            raise self._contradiction(surprise, shown.speed, profile)
+        if (sudden or lasting) and self._doubt is None:
+            self._doubt = self._contradiction(surprise, shown.speed, profile)
+            self._settle_doubt(0.0)
+
+    def _settle_doubt(self, period: float) -> None:
+        """Blame the tracks if the gyro turns otherwise; if it turns as they do, the joint bends."""
+        self._doubted_time += period if self._doubt else 0.0
+        if self._doubt and (
+            self._doubt.guard not in ("encoder", "slip")
+            or self.inertial.turn_misfit > BENDING_MISFIT
+        ):
+            raise self._doubt
+        if self._doubted_time > INERTIAL_MEAN_TIME:
+            raise CrawlStopped(
+                "joint bends",
+                "the joint goes aside in the laser's line, and gyro and tracks turn alike: the "
+                "joint bends, or the vehicle slides aside, or the laser is late. End the weld "
+                "before the bend and begin another behind it, or look at steel and laser",
+            )
 
     def _check_unread(self, profile: Profile) -> None:
         """Look whether a picture in which the joint is not found has moved as a whole."""

@@ -157,8 +157,10 @@ class Guards:
         if state.fault:
             raise CrawlStopped("drive fault", f"a drive reports: {state.fault}")
         motion = (state.odometry.speed, state.odometry.turn_rate, *state.torques)
-        if not all(map(isfinite, motion)):
-            raise CrawlStopped("vehicle", "the vehicle's encoders or drives report no numbers")
+        if not all(map(isfinite, (*motion, *state.gyro, *state.down))):
+            raise CrawlStopped(
+                "vehicle", "the vehicle's encoders, drives, gyro or inclinometer report no numbers"
+            )
         torque = max(map(abs, state.torques), default=0.0)
         if torque > self._settings.torque:
             raise CrawlStopped(

@@ -8,7 +8,6 @@ its sensor.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import atan2, hypot
 from typing import Final
 
@@ -16,7 +15,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.paper_method import READING_SIGMA
@@ -44,45 +43,35 @@ LEAST_POLYGON_AREA: Final = 1e-6
 """Area of the smallest polygon with a barycentre, in m²."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
-class PaperJoint:
-    """Edges and barycentre of a joint, in frame s.
-
-    Parameters
-    ----------
-    edges : ndarray, shape (2, 2)
-        x_s and z_s of the edge at low and of that at high x_s, in metres.
-    barycentre : ndarray, shape (2,)
-        x_s and z_s, in metres.
-    """
-
-    edges: Array
-    barycentre: Array
-
-
 class PaperJointReader:
     """A `JointReader` that takes the barycentre of each profile, whatever was read before."""
 
     def read(self, profile: Profile, travel: float) -> JointPlacement:
         """Find the joint in a profile; see `JointReader.read`."""
-        found = read_joint_as_paper(profile)
-        (left, low), (right, high) = found.edges.tolist()
+        edges, barycentre = read_joint_as_paper(profile)
+        (left, low), (right, high) = edges.tolist()
         return JointPlacement(
-            centre=float(found.barycentre[0]),
+            centre=float(barycentre[0]),
             hull_z=(low + high) / 2,
             roll=-atan2(high - low, right - left),
             centre_sigma=READING_SIGMA,
         )
 
 
-def read_joint_as_paper(profile: Profile) -> PaperJoint:
-    """Read edges and barycentre off a profile.
+def read_joint_as_paper(profile: Profile) -> tuple[Array, Array]:
+    """Read edges and barycentre off a profile, in frame s.
 
     Parameters
     ----------
     profile : Profile
         Its points run along x_s, either way.
+
+    Returns
+    -------
+    edges : ndarray, shape (2, 2)
+        x_s and z_s of the edge at low and of that at high x_s, in metres.
+    barycentre : ndarray, shape (2,)
+        x_s and z_s, in metres.
 
     Raises
     ------
@@ -101,7 +90,7 @@ def read_joint_as_paper(profile: Profile) -> PaperJoint:
     if not first < last:
         raise GrooveNotFound("no bevel", "the hull goes on from end to end", points)
     polygon = np.column_stack((x, z))[first : last + 1]
-    return PaperJoint(polygon[[0, -1]], polygon_barycentre(polygon))
+    return polygon[[0, -1]], polygon_barycentre(polygon)
 
 
 def polygon_barycentre(polygon: Array) -> Array:

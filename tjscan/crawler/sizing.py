@@ -137,6 +137,7 @@ def _closed_form_figures(size: SizeSettings, tracks: TrackGeometry) -> tuple[Siz
     along, pressing = sin(pads.inclination), cos(pads.inclination)  # shares of the weight
     pull = size.torque / radius
     rpm = size.top_speed / radius * size.gear * 60 / (2 * pi)
+    on_both, on_one = (_friction_needed(along, n * share + pressing) for n in (2, 1))
     grip = {"least": size.safety, "advice": "take more pads, or stronger magnets"}
     friction = {"most": pads.friction, "advice": grip["advice"]}
     climb = {"most": size.power, "advice": "climb more slowly, or take a stronger supply"}
@@ -149,13 +150,8 @@ def _closed_form_figures(size: SizeSettings, tracks: TrackGeometry) -> tuple[Siz
         ("grip of both tracks over the weight", 2 * share, "", grip),
         ("the same with one track broken", share, "", grip),
         ("least pads of a track for that", size.safety * pads.mass / pads.grip, "", {}),
-        (
-            "friction needed on both tracks",
-            _friction_needed(along, 2 * share + pressing),
-            "",
-            friction,
-        ),
-        ("friction needed on one track", _friction_needed(along, share + pressing), "", friction),
+        ("friction needed on both tracks", on_both, "", friction),
+        ("friction needed on one track", on_one, "", friction),
         ("pull of a track", pull, "N", {}),
         ("pull of both tracks over the weight", 2 * pull / weight, "", gear),
         ("speed of a motor at top speed", rpm, "rpm", {}),
@@ -183,14 +179,9 @@ def _turn_torque_figures(
         if isfinite(tightest)
         else "take a lower gear: no turn is as easy as that"
     )
-    rule: dict[str, Any] = {"most": size.torque, "advice": advice}
+    rules: dict[float, dict[str, Any]] = {least_radius: {"most": size.torque, "advice": advice}}
     turns = [
-        SizeFigure(
-            f"torque of a turn of {turn:g} m",
-            torque,
-            "N m",
-            **(rule if turn == least_radius else {}),
-        )
+        SizeFigure(f"torque of a turn of {turn:g} m", torque, "N m", **rules.get(turn, {}))
         for turn, torque in zip(radii, torques, strict=True)
     ]
     return (*turns, SizeFigure("tightest turn at full torque", tightest, "m"))

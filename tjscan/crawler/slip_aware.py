@@ -234,8 +234,7 @@ class SlipAwareMethod:
 
     def read(self, d: float, sigma: float) -> float:
         """Take in a reading of the joint; see `FollowingMethod.read`."""
-        self._estimator.read(d, sigma)
-        return self._estimator.surprise
+        return self._estimator.read(d, sigma)
 
     def forget_place(self) -> None:
         """Forget where the vehicle is; see `FollowingMethod.forget_place`."""

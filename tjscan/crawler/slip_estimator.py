@@ -231,8 +231,9 @@ STUDENT_DEGREES_OF_FREEDOM: Final = 4.0
 MATCHING_WINDOW_LENGTH: Final = 0.05
 """Metres over which differences between readings and what was expected are added up."""
 
-MISFIT_MEMORY_LENGTH: Final = 0.35
-"""Metres of such windows that show how unsteady slip is: half a track's contact (assumption)."""
+MISFIT_MEMORY_LENGTH: Final = 0.15
+"""Metres of such windows that show how unsteady slip is: three, so that what is learned scatters by
+a factor of two, and a steady vehicle is known as one before the arc is struck."""
 
 MOST_WINDOW_MISFIT: Final = 9.0
 """A window's misfit counts as no more: one that was disturbed shows little about the others."""
@@ -240,9 +241,10 @@ MOST_WINDOW_MISFIT: Final = 9.0
 UNKNOWN_DIRECTION_SIGMA: Final = 2.0
 """Radians: of a direction of which nothing is known."""
 
-UNSTEADINESS_BOUNDS: Final = (0.01, 1.0)
+UNSTEADINESS_BOUNDS: Final = (0.001, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
-track does at most, and with none of them the filter would learn no more."""
+track does at most, and with none of them the filter would learn no more. The least is of pads that
+give way by 30 µm instead of 1 mm."""
 
 MOST_SIDEWAYS_SHARE: Final = 0.1
 """Metres by which torch or laser go aside at most while the vehicle goes on by one: by its slope
@@ -254,6 +256,9 @@ LIKELY_YAW_EFFICIENCY: Final = 0.75
 INERTIAL_MEAN_TIME: Final = 1.0
 """Seconds over which what an inertial sensor is off by is averaged: no drive takes so long to do
 what it is asked for, and a gyro's noise is small by then."""
+
+INCLINOMETER_LAG: Final = 0.2
+"""Seconds by which a damped inclinometer lags at most behind a turn (assumption)."""
 
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
@@ -419,9 +424,6 @@ class SlipEstimator:
     ----------
     unsteadiness : float
         By how much the variances of slip's changes are multiplied, as learned.
-    surprise : float
-        How far the last reading was off from what was expected, metres, as far as the estimate's
-        own uncertainty does not explain it; nothing of it is weighed down.
     smoother : StateSmoother
         Which takes in each step.
     """
@@ -433,7 +435,7 @@ class SlipEstimator:
         walks = [getattr(uncertainty, f"{one.name.lower()}_walk", 0.0) for one in SlipStateIndex]
         self._walk_per_metre = np.square(walks)
         self._turns = 0.0
-        self.unsteadiness, self.surprise = 1.0, 0.0
+        self.unsteadiness = 1.0
         self._turn, self._by_turn = 0.0, np.zeros(STATE_COUNT)
         self.smoother = StateSmoother(STATE_COUNT)
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
@@ -451,13 +453,17 @@ class SlipEstimator:
         self._turn = turned / odometry.period
         P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
-        changes = self._walk_per_metre * travel + self._added_variances(odometry, float(F[-1, -1]))
-        P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
-        # White noise of the turn rate: its spectral density does not depend on the period.
-        efficiency = float(self.estimate.x[SlipStateIndex.YAW_EFFICIENCY])
+        kept, efficiency = float(F[-1, -1]), float(self.estimate.x[SlipStateIndex.YAW_EFFICIENCY])
         by_turn = np.array([0.0, odometry.period]) * efficiency
         if odometry.speed:
             by_turn = F[:2, SlipStateIndex.DRIFT] / odometry.speed * efficiency
+            curvature = efficiency * odometry.turn_rate / odometry.speed
+            self._turns = kept * self._turns + (1 - kept) * curvature
+        changes = self._walk_per_metre * travel
+        # Variances of unsteady slip stay what they should be.
+        changes[UNSTEADY_STATES] += (1 - kept**2) * np.array(self._unsteady_variances())
+        P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
+        # White noise of the turn rate: its spectral density does not depend on the period.
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         self.estimate = SlipEstimate(x, (P + P.T) / 2)
         self._window += travel
@@ -469,13 +475,12 @@ class SlipEstimator:
 
         A reversal shears every foot the other way, so it is as uncertain as a track makes it.
         """
-        x, P = self.estimate.x.copy(), self.estimate.P.copy()
-        x[UNSTEADY_STATES], P[UNSTEADY_STATES, :], P[:, UNSTEADY_STATES] = 0.0, 0.0, 0.0
-        P[UNSTEADY_STATES, UNSTEADY_STATES] = self._unsteady_variances()
         kept = np.ones(STATE_COUNT)
         kept[UNSTEADY_STATES] = 0.0
+        P = self.estimate.P * np.outer(kept, kept)
+        P[UNSTEADY_STATES, UNSTEADY_STATES] = self._unsteady_variances()
         self.smoother.add_move(np.diag(kept))
-        self.estimate = SlipEstimate(x, P)
+        self.estimate = SlipEstimate(self.estimate.x * kept, P)
 
     def _match_covariances(self) -> None:
         """Learn from a window how unsteady the slip is."""
@@ -485,22 +490,12 @@ class SlipEstimator:
             self.unsteadiness = min(max(learned, UNSTEADINESS_BOUNDS[0]), UNSTEADINESS_BOUNDS[1])
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
-    def _added_variances(self, odometry: TrackOdometry, kept: float) -> Array:
-        """Variances that a period adds, so that those of unsteady slip stay what they should be.
+    def _unsteady_variances(self) -> tuple[float, float]:
+        """Variances of unsteady crab and drift at the curvature that the track remembers.
 
         In a turn the feet shear and slide the more the tighter it is, and go on doing so until
-        they have left: hence the curvature that the track remembers.
+        they have left.
         """
-        added = np.zeros(STATE_COUNT)
-        if odometry.speed:
-            efficiency = float(self.estimate.x[SlipStateIndex.YAW_EFFICIENCY])
-            curvature = efficiency * odometry.turn_rate / odometry.speed
-            self._turns = kept * self._turns + (1 - kept) * curvature
-        added[UNSTEADY_STATES] = self._unsteady_variances()
-        return (1 - kept**2) * added
-
-    def _unsteady_variances(self) -> tuple[float, float]:
-        """Variances of unsteady crab and drift at the curvature that the track remembers."""
         own = self._uncertainty
         crab = own.unsteady_crab**2 + (own.unsteady_centre * self._turns) ** 2
         drift = own.unsteady_drift**2 + (own.unsteady_efficiency * self._turns) ** 2
@@ -519,15 +514,16 @@ class SlipEstimator:
         Returns
         -------
         float
-            How far off it was, squared, in its variance.
+            How far it is off from what was expected, metres, as far as the estimate's own
+            uncertainty does not explain it; nothing of it is weighed down.
         """
         expected, H = laser_offset(self.estimate.x, self.geometry)
         variance, off = sigma**2 + self._uncertainty.unevenness**2, d - expected
         before = float(H @ self.estimate.P @ H)
-        self.surprise = off * sqrt(variance / (before + variance))
         self._misfit += off / sqrt(before + variance)
         self._readings += 1
-        return self._correct(off, H, variance)
+        self._correct(off, H, variance)
+        return off * sqrt(variance / (before + variance))
 
     def read_inertial(
         self, gyro: Sequence[float], down: Sequence[float], period: float
@@ -554,7 +550,9 @@ class SlipEstimator:
             H = np.zeros(STATE_COUNT)
             H[[SlipStateIndex.JOINT_DOWN, SlipStateIndex.HEADING]] = 1.0, -1.0
             off = remainder(angle - float(H @ self.estimate.x), tau)
-            misfits[1] = self._correct_inertially(off, H, own.down**2, period)
+            # What it lags by is off for as long as the turn lasts: no mean makes it less.
+            lag_variance = (INCLINOMETER_LAG * self._turn) ** 2 * INERTIAL_MEAN_TIME / period
+            misfits[1] = self._correct_inertially(off, H, own.down**2 + lag_variance, period)
         return misfits[0], misfits[1]
 
     def _correct_inertially(self, off: float, H: Array, variance: float, period: float) -> float:
@@ -563,8 +561,8 @@ class SlipEstimator:
         self._correct(off, H, variance)
         return off / sqrt(mean_variance)
 
-    def _correct(self, difference: float, H: Array, variance: float) -> float:
-        """Take in a measurement that differs from what was expected; returns `read`'s value."""
+    def _correct(self, difference: float, H: Array, variance: float) -> None:
+        """Take in a measurement that differs from what was expected."""
         x, P = self.estimate.x, self.estimate.P
         PH = P @ H
         before = float(H @ PH)
@@ -576,4 +574,3 @@ class SlipEstimator:
         rest = np.eye(STATE_COUNT) - np.outer(gain, H)
         P = rest @ P @ rest.T + np.outer(gain, gain) * variance
         self.estimate = SlipEstimate(x + gain * difference, P)
-        return off

@@ -35,11 +35,8 @@ class StateSmoother:
 
     def _reset_sums_since_kept_state(self) -> None:
         n = self._size
-        self._transition, self._gradient, self._information = (
-            np.eye(n),
-            np.zeros(n),
-            np.zeros((n, n)),
-        )
+        self._transition, self._information = np.eye(n), np.zeros((n, n))
+        self._gradient = np.zeros(n)
 
     def add_move(self, F: Array) -> None:
         """Take in a step by its transition matrix, shape (size, size)."""
