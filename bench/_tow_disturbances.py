@@ -23,6 +23,7 @@ from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.run import make_tow
 from tjscan.runs.tow.study import InMemoryTowJournal
+from tjscan.towing.loop import PLAN_PERIOD
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
 from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
@@ -33,6 +34,10 @@ DISTURBANCE_BEGINS: Final = (3.0, 6.0)
 
 NOTICED_WITHIN: Final = 10.0
 """Seconds within which it is to be named."""
+
+MATTERING_WAY: Final = 0.02
+"""Metres that a vehicle is commanded to go until what is wrong with its drives can matter: wheels
+that are wrong by half have then brought it 10 mm off, twice what its place counts as reached."""
 
 CLEAR_START: Final = 300.0
 """Millimetres between an obstacle that comes and all vehicles and cable, at first."""
@@ -48,7 +53,7 @@ class DisturbedTeam(SimulatedTeam):
     ----------
     world : TowingWorld
     disturb : callable
-        Called after the vehicles' orders and before the world goes on.
+        Called after the vehicles' orders, and before their states are read.
     """
 
     def __init__(self, world: TowingWorld, disturb: Callable[[], None]) -> None:
@@ -61,6 +66,7 @@ class DisturbedTeam(SimulatedTeam):
             self.world.order(vehicle.which, vehicle.twist_to_drive())
         self._disturb()
         self.world.advance(VEHICLE_STATE_PERIOD)
+        self._disturb()
         for vehicle in self.vehicles:
             vehicle.read_own_world_state()
 
@@ -277,6 +283,17 @@ DISTURBANCES: Final[dict[str, tuple[Callable[[Generator], Disturb], set[str]]]] 
 }
 """What is wrong, and the names under which that may be noticed."""
 
+SEEN_WHILE_DRIVING: Final = (
+    "drives backwards",
+    "drives crooked",
+    "does not move, and does not report it",
+    "slips by half",
+    "spins and does not move",
+    "encoders show a standstill",
+    "poses frozen",
+)
+"""Disturbances that change nothing of a vehicle that is commanded to rest."""
+
 OWN_NAMES: Final = ("off plan", "stopped", "slips", "moved", "noisy poses", "no pose")
 
 
@@ -291,10 +308,22 @@ def causes_named(tow: DisturbedTow, until: float) -> dict[str, set[str]]:
     return found
 
 
+def time_it_matters(tow: DisturbedTow, v: int, begins: float) -> float:
+    """When a vehicle from 0 was commanded to go `MATTERING_WAY` since a time; inf if never."""
+    way = 0.0
+    for cycle in tow.journal.cycles:
+        speed, _, sideways = cycle.asked[v]
+        way += PLAN_PERIOD * float(np.hypot(speed, sideways)) * (cycle.time >= begins)
+        if way >= MATTERING_WAY:
+            return cycle.time
+    return np.inf
+
+
 def is_disturbance_named_right(seed: int) -> tuple[bool, str, DisturbedTow]:
     """Whether a drawn disturbance is named, and no other vehicle is blamed; and words.
 
-    The kinds follow each other; vehicle, size, place on the seam, time and yard are drawn.
+    The kinds follow each other; vehicle, size, place on the seam, time and yard are drawn. What is
+    wrong with drives that never matters need not be named.
     """
     rng = np.random.default_rng([seed, 32])
     name = list(DISTURBANCES)[seed % len(DISTURBANCES)]
@@ -311,14 +340,19 @@ def is_disturbance_named_right(seed: int) -> tuple[bool, str, DisturbedTow]:
             change(world, seen, v)
 
     tow = tow_disturbed(job, when_due)
-    found = causes_named(tow, begins + NOTICED_WITHIN)
+    matters = time_it_matters(tow, v, begins) if name in SEEN_WHILE_DRIVING else begins
+    found = causes_named(tow, matters + NOTICED_WITHIN)
     blamed = {f"vehicle {v + 1}"}
     if name == NOISE_OF_ALL:
         blamed = {f"vehicle {number}" for number in range(1, job.vehicles.count + 1)}
     elif name == "poses swapped":
         blamed.add(f"vehicle {(v ^ 1) + 1}")
-    right = set(found) == blamed and all(bool(causes & expected) for causes in found.values())
-    return right, f"{name}, {example}, vehicle {v + 1}, seed {seed}: {found}; {tow.ended}", tow
+    missed = blamed - set(found) if matters < tow.journal.cycles[-1].time else set()
+    right = set(found) <= blamed and not missed
+    right &= all(bool(causes & expected) for causes in found.values())
+    when = f"matters after {matters - begins:.1f} s"
+    words = f"{name}, {example}, vehicle {v + 1}, seed {seed}, {when}: {found}; {tow.ended}"
+    return right, words, tow
 
 
 def is_sound_tow_quiet(keys: dict[str, Any], example: str) -> tuple[bool, str]:

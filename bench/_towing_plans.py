@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, pi
 from pathlib import Path
 from statistics import median
@@ -22,6 +22,7 @@ from tjscan.towing.shape.limits import LimitedProblem
 from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner, optimise_without_limits
 from tjscan.towing.shape.problem import ShapeProblem
+from tjscan.towing.shape.start import search_shape, start_shapes
 from tjscan.towing.tables import LimitSettings, TargetSettings, WeightSettings
 
 OPTIMA: Final = Path(__file__).with_name("towing-optima.json")
@@ -33,6 +34,9 @@ DT, STEP = 0.1, 0.001
 YARD: Final = Floor([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
 BLOCK: Final = 20
 """Plans that are timed together."""
+
+COLD_STARTS: Final = 20
+"""Random shapes from which the best first shape is sought."""
 
 PRESSED: Final = 0.12
 """Metres by which walls are wanted farther off than free plans keep: all then lie against a limit,
@@ -164,6 +168,35 @@ def made(given: dict[str, list[float]]) -> LimitedProblem:
     return LimitedProblem(problem, TowingTeam(), off)
 
 
+def cold_start_rows(which: slice = slice(None)) -> list[Row]:
+    """First shapes of the problems, against the best of random starts and of another solver."""
+    excess, rng = [], np.random.default_rng(20)
+    for given in json.loads(OPTIMA.read_text(encoding="utf-8"))["problems"][which]:
+        (x, y), (far_x, far_y) = given["low"], given["high"]
+        pose = np.array(given["pose"]) - (0.0, 0.01, 0.0)  # at which `estimate` is best
+        limits = made({**given, "pose": list(pose)})
+        weights = replace(limits.problem.weights, change=0.0)
+        limits = replace(limits, problem=replace(limits.problem, weights=weights))
+        area = Floor([(x, y), (far_x, y), (far_x, far_y), (x, far_y)])
+        guesses = [random_shape(rng) for _ in range(COLD_STARTS)]
+        others = [shape.f for guess in guesses if (shape := search_shape(limits, guess))]
+        best = min([*others, limits.problem.terms(np.array(given["estimate"])).total])
+        first = start_shapes(limits, area, pose)[0]
+        excess.append(100 * (first.f / best - 1))
+    name = f"cold start, {len(excess)} problems: objective over the best of {COLD_STARTS} starts"
+    return [
+        Row(f"{name}, largest", max(excess), 1.0, "%"),
+        Row(f"{name}, smallest", min(excess), inf, "%"),
+    ]
+
+
+def random_shape(rng: np.random.Generator) -> Array:
+    """Angles of three waves along the cable, radians."""
+    along = np.linspace(0, 1, 60)
+    waves = np.sin(rng.uniform(1, 9, (3, 1)) * along + rng.uniform(0, 6, (3, 1)))
+    return np.asarray(0.08 * (rng.normal(size=(3, 1)) * waves).sum(axis=0))
+
+
 def seam_rows() -> list[Row]:
     """V-C whole, quasi-static: what is asked of the towing vehicles, and the limits."""
     cable, team, limits = Cable(), TowingTeam(), PlannerSettings().limits
@@ -233,4 +266,4 @@ def size_rows() -> list[Row]:
 
 def plan_rows() -> list[Row]:
     """All of them."""
-    return [*rate_rows(), *optimum_rows(), *seam_rows(), *size_rows()]
+    return [*rate_rows(), *optimum_rows(), *cold_start_rows(), *seam_rows(), *size_rows()]

@@ -46,6 +46,17 @@ def test_one_that_goes_where_it_is_told_is_let_alone_also_where_it_turns_back() 
     assert not any(run([ALONG] * 100, 0.5))
 
 
+def test_a_way_that_was_not_counted_because_it_was_at_its_target_is_no_standstill() -> None:
+    """It followed closely, and was then sent back: it is not where it began."""
+    check, pose, found = StandstillCheck(), np.zeros(3), []
+    for k in range(60):
+        back = k >= 40
+        pose[:2] += -2 * ALONG if back else 4 * ALONG
+        way = -3 * ALONG if back else 0 * ALONG
+        found.append(check.update(k * PERIOD, pose.copy(), way, sigma=SIGMA))
+    assert not any(found)
+
+
 def looks_that_take_it_for_standing(share: float, sigma: float, seed: int) -> list[int]:
     rng, check, place = np.random.default_rng(seed), StandstillCheck(), np.zeros(3)
     found = []

@@ -264,6 +264,8 @@ class StandstillCheck:
             self._retry *= 2
             self._since = None
             self._way.clear()
+        if not asked.any():  # where it went meanwhile would be taken for a way against commands
+            self._way.clear()
         total = asked + (self._way[-1].asked if self._way else 0.0)
         self._way.append(_WayPoint(time, pose[:2], total, sigma))
         while self._can_judge_from(1) or time - self._way[0].time > LONGEST_JUDGED_WINDOW:

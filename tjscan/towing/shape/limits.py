@@ -73,8 +73,9 @@ ROW_TYPE: Final = np.dtype(
     ]
 )
 """A row: margin; direction in which it grows; the link and its point (x, y) that feel it; the same
-of the point that feels the opposite, link -1 if none; kind; and which disc is too near, -1 if none
-is. Of a joint: its number for the link, and the sign of its angle's growth for `grows_x`."""
+of the point that feels the opposite, link -1 if none; kind; and which disc is too near, or a
+negative number, another for every wall and pillar. Of a joint: its number for the link, and the
+sign of its angle's growth for `grows_x`."""
 
 LimitRows = NDArray[np.void]
 """Rows of `ROW_TYPE`, shape (R,)."""
@@ -230,7 +231,7 @@ def add_obstacle_rows(
     for k in range(0 if of_all else solids, solids + len(discs)):
         d, gx, gy, _, _, _ = distance_to_obstacle(k, at.x, at.y, walls, corners, starts, discs)
         if d - apart < room.band:
-            add_row(room, kind, d - apart, gx, gy, at, NO_CHAIN_POINT, max(k - solids, -1))
+            add_row(room, kind, d - apart, gx, gy, at, NO_CHAIN_POINT, k - solids)
 
 
 @compiled
@@ -246,7 +247,7 @@ def do_segments_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 @compiled
 def add_crossed_edge_rows(
-    room: RowBuffer, apart: float, i: int, root: Array, links: Array, corners: Array
+    room: RowBuffer, apart: float, i: int, root: Array, links: Array, corners: Array, disc: int
 ) -> None:
     """Rows for a link that crosses edges of a polygon thinner than the link is long."""
     before = root[:2] if i == 0 else links[i - 1, :2]
@@ -262,8 +263,8 @@ def add_crossed_edge_rows(
             side = ahead if is_ahead else behind
             end = link_end(i if is_ahead else i - 1, root, links)
             sign = -1.0 if side > 0.0 else 1.0
-            margin = -abs(side) - apart
-            add_row(room, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end)
+            x, y, margin = sign * nx, sign * ny, -abs(side) - apart
+            add_row(room, LimitKind.LINK_TO_OBSTACLE, margin, x, y, end, NO_CHAIN_POINT, disc)
 
 
 @compiled
@@ -278,15 +279,15 @@ def add_link_obstacle_rows(
     for i in range(max(limits.last_link, limits.first_covered_link)):
         end, of_all = link_end(i, root, links), limits.first_link <= i < limits.last_link
         add_obstacle_rows(room, kind, apart, end, obstacles, of_all)
-        for k in range(len(corners) if of_all else 0):
-            place = ChainPoint(-1, corners[k, 0], corners[k, 1])
-            if abs(end.x - place.x) + abs(end.y - place.y) < reach:
-                at = nearest_on_link(i, place.x, place.y, root, links)
-                if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
-                    add_distance_row(room, kind, apart, at, place)
-        for k in range(len(starts) - 1 if of_all else 0):
-            polygon = corners[starts[k] : starts[k + 1]]
-            add_crossed_edge_rows(room, apart, i, root, links, polygon)
+        for p in range(len(starts) - 1 if of_all else 0):
+            polygon, disc = corners[starts[p] : starts[p + 1]], p + 1 - len(starts)
+            for corner in polygon:
+                place = ChainPoint(-1, corner[0], corner[1])
+                if abs(end.x - place.x) + abs(end.y - place.y) < reach:
+                    at = nearest_on_link(i, place.x, place.y, root, links)
+                    if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
+                        add_distance_row(room, kind, apart, at, place, disc)
+            add_crossed_edge_rows(room, apart, i, root, links, polygon, disc)
         for k in range(2 * len(discs)):
             disc, column = discs[k // 2], 2 * (k % 2)
             place = ChainPoint(-1, disc[column], disc[column + 1])
@@ -410,9 +411,8 @@ def _fill_limit_rows_of_tuples(
     rows: LimitRows, band: float, angles: Array, links: Array, limits: Any, obstacles: Any
 ) -> int:
     """Fill rows of the limits of plain tuples; returns how many there are, even if not all fit."""
-    room, named = RowBuffer(rows, np.zeros(1, np.int64), band), LimitArrays(*limits)
-    place_links(angles, named.root, named.length, links)
-    fill_limit_rows(room, angles, links, named, Obstacles(*obstacles))
+    room = RowBuffer(rows, np.zeros(1, np.int64), band)
+    fill_limit_rows(room, angles, links, LimitArrays(*limits), Obstacles(*obstacles))
     return int(room.total[0])
 
 
@@ -515,9 +515,12 @@ class LimitedProblem:
             pace=self.team.top_speed * problem.period - SPARE_MARGIN,
         )
 
-    def rows(self, angles: Array, band: float = 0.0) -> LimitRows:
-        """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`."""
-        links, count, rows = np.empty((len(angles), 5)), 64, np.empty(0, dtype=ROW_TYPE)
+    def rows(self, angles: Array, band: float = 0.0, links: Array | None = None) -> LimitRows:
+        """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`; of links as given, if so."""
+        if links is None:
+            links = np.empty((len(angles), 5))
+            place_links(angles, self.arrays.root, self.arrays.length, links)
+        count, rows = 64, np.empty(0, dtype=ROW_TYPE)
         limits, obstacles = tuple(self.arrays), tuple(self.problem.obstacles)
         while count > len(rows):
             rows = np.empty(count, dtype=ROW_TYPE)

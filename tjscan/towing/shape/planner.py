@@ -28,7 +28,13 @@ from tjscan.towing.shape.limits import (
     format_figure,
     worst_margin,
 )
-from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PlanTerms, TowingPlan
+from tjscan.towing.shape.plan import (
+    PlanInputs,
+    PlannerSettings,
+    PlanTerms,
+    PoseAccuracy,
+    TowingPlan,
+)
 from tjscan.towing.shape.problem import ShapeProblem, minimise_objective
 from tjscan.towing.shape.start import start_shapes
 
@@ -47,6 +53,9 @@ LONGEST_LINK_STEP: Final = 0.05
 LARGEST_ESTIMATE_OVERLAP: Final = 0.01
 """Metres by which the estimated cable may be nearer to a body, or to itself, than a plan may bring
 it: between vehicles the floor holds it back from where it is planned."""
+
+CABLE_LIMITS: Final = (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK)
+"""Limits that the cable may break between vehicles that keep to their plan."""
 
 NEAR_LIMIT: Final = 0.7
 """Share of the joints' limit from which on it is found how well the angles are known."""
@@ -129,7 +138,7 @@ class TowingPlanner:
             shape = CheckedShape(limits, limited.angles)
             pressed = tuple(limits.describe(row) for row in limited.pressed)
             iterations += limited.iterations
-        halt = shape.objection(now.angles, pressed)
+        halt = shape.objection(now, pressed, settings.trust)
         retreat = "" if halt or shape.is_feasible else shape.broken_limit(pressed)
         known = (self.cable, held, now, poses, settings.trust)
         forces, tension = (None, None) if last is None else cable_forces(*known)
@@ -221,41 +230,49 @@ class CheckedShape:
         """Whether it has the poses it must have and keeps every limit."""
         return self.off < POSE_TOLERANCE and self.margin > LEAST_KEPT_MARGIN
 
-    def objection(self, estimate: Array, pressed: Sequence[str] = ()) -> str:
+    def objection(
+        self, now: CableEstimate, pressed: Sequence[str] = (), trust: PoseAccuracy | None = None
+    ) -> str:
         """Why it may not be sent to vehicles whose cable is as estimated, or nothing.
 
         Parameters
         ----------
-        estimate : ndarray, shape (N,)
-        pressed : sequence of str
+        now : CableEstimate
+        pressed : sequence of str, optional
             Limits that hold the shape where it is.
+        trust : PoseAccuracy, optional
+            As of `estimate_shape`.
         """
-        here = self._rows_of_places(estimate)
+        here = self._rows_of_places(now.angles)
         if not self.is_feasible and not self._leads_away_from_discs(here):
             return self.broken_limit(pressed)
-        near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
-        if worst_margin(near) < -LARGEST_ESTIMATE_OVERLAP:
-            return f"with the estimated cable, {self._worst_row(near)}"
-        cable = self.problem.cable
-        way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
-        steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LONGEST_LINK_STEP))
+        cable, held = self.problem.cable, list(self.limits.team.held_links)
+        begins, ends = cable.poses(now.angles), cable.poses(self.angles)
+        near = here[np.isin(here["kind"], CABLE_LIMITS)]
+        if (gap := worst_margin(near)) < -LARGEST_ESTIMATE_OVERLAP:
+            led = estimate_shape(cable, held, ends[held], last=now, trust=trust)
+            near = self._rows_of_places(led.angles)
+            near = near[np.isin(near["kind"], CABLE_LIMITS)]
+            if worst_margin(near) < gap - LEAST_RETREAT:
+                return f"with the estimated cable, {self._worst_row(near)}"
+        way = ends - begins
+        steps = int(np.ceil(np.hypot(way[:, 0], way[:, 1]).max() / LONGEST_LINK_STEP))
         entered = {
             (kind, disc): worst_margin(here[(here["kind"] == kind) & (here["disc"] == disc)])
             for kind, disc in set(here[["kind", "disc"]].tolist())
-            if kind != LimitKind.JOINT
         }
         for k in range(1, steps):
-            between = self._rows_of_places(estimate + k / steps * (self.angles - estimate))
+            between = self._rows_of_places(now.angles, begins + k / steps * way)
             allowed = [entered.get(key, 0.0) for key in between[["kind", "disc"]].tolist()]
             broken = between[between["margin"] < np.minimum(allowed, -LONGEST_LINK_STEP)]
             if len(broken):
                 return f"on the way there, {self._worst_row(broken)}"
         return ""
 
-    def _rows_of_places(self, angles: Array) -> LimitRows:
-        """Rows of limits that a shape breaks by where it is, not by how far vehicles drive."""
-        rows = self.limits.rows(angles)
-        placed: LimitRows = rows[rows["kind"] != LimitKind.SPEED]
+    def _rows_of_places(self, angles: Array, links: Array | None = None) -> LimitRows:
+        """Rows of limits that a shape breaks by where it is, not by bends or ways of vehicles."""
+        rows = self.limits.rows(angles, links=links)
+        placed: LimitRows = rows[rows["kind"] < LimitKind.SPEED]
         return placed
 
     def _leads_away_from_discs(self, here: LimitRows) -> bool:

@@ -99,8 +99,7 @@ def start_shapes(limits: LimitedProblem, area: Floor, welder_pose: Array) -> lis
     welder_pose : ndarray, shape (3,)
     """
     for shapes in first_shapes(limits.problem.cable, area, welder_pose):
-        found = _search_shapes(limits, area, shapes)
-        if found:
+        if found := _search_shapes(limits, area, shapes):
             return found
     return []
 
@@ -132,20 +131,24 @@ def _search_shapes(limits: LimitedProblem, area: Floor, shapes: list[Array]) -> 
         *(pillar.mean(axis=0) for pillar in area.pillars),
         *(disc[:2] for disc in problem.obstacles.discs),
     ]
-    found: list[StartShape] = []
-    for guess in _distinct_shapes(cable, ranked, centres)[:MOST_START_SHAPES]:
-        angles = guess.copy()
-        iterations = minimise_objective(angles, MOST_NEWTON_STEPS, 1e-4, *problem.plain)
-        if not _close_on_welder_pose(limits, angles):
-            shape = optimise_within_limits(limits, guess, most=MOST_QUADRATIC_PROGRAMS)
-            angles = shape.angles.copy()
-            iterations += shape.iterations
-            if not _close_on_welder_pose(limits, angles):
-                continue
-        found.append(StartShape(angles, problem.terms(angles).total, iterations))
+    guesses = _distinct_shapes(cable, ranked, centres)[:MOST_START_SHAPES]
+    found = [shape for guess in guesses if (shape := search_shape(limits, guess))]
     found.sort(key=lambda shape: shape.f)
     kept = _distinct_shapes(cable, [shape.angles for shape in found], centres)
     return [shape for shape in found if any(shape.angles is angles for angles in kept)]
+
+
+def search_shape(limits: LimitedProblem, guess: Array) -> StartShape | None:
+    """Best shape near a guess, angles of shape (N,), radians; None if it keeps no limits."""
+    angles = guess.copy()
+    iterations = minimise_objective(angles, MOST_NEWTON_STEPS, 1e-4, *limits.problem.plain)
+    if not _close_on_welder_pose(limits, angles):
+        shape = optimise_within_limits(limits, guess, most=MOST_QUADRATIC_PROGRAMS)
+        angles = shape.angles.copy()
+        iterations += shape.iterations
+        if not _close_on_welder_pose(limits, angles):
+            return None
+    return StartShape(angles, limits.problem.terms(angles).total, iterations)
 
 
 def _close_on_welder_pose(limits: LimitedProblem, angles: Array) -> bool:
