@@ -134,6 +134,40 @@ def test_ghosts_before_the_surface_move_no_corner_that_is_stated_to_be_known(see
     assert off[known].max() < 1 * MM
 
 
+def moved_along_rays(profile: Profile, columns: slice, by: float) -> Profile:
+    """A run of points moved away from the sensor, in metres."""
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    scale = 1 + by / z[columns]
+    x[columns], z[columns] = x[columns] * scale, z[columns] * scale
+    return Profile(x, z)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_face_longer_than_any_ghost_is_known_though_its_ends_are_hidden(seed: int) -> None:
+    groove = Groove(root=0.006)
+    profile = seen(groove.outline(), NOISE, seed)
+    for corner in groove.corners[1:]:
+        at = int(np.abs(profile.x_s / profile.z_s - corner[0] / corner[1]).argmin())
+        for k in range(at - 2, at + 3):
+            profile = moved_along_rays(profile, slice(k, k + 1), (1 + 2 * (k % 2)) * MM)
+    profile = moved_along_rays(profile, slice(40, 55), 5 * MM)
+    section = read_groove(profile)
+    off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
+    assert off.max() < 0.3 * MM
+    assert np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2)).max() < SURE
+
+
+@pytest.mark.parametrize("by", [-0.55, 0.55])
+@pytest.mark.parametrize("beside", range(-2, 3))
+def test_a_stray_point_at_a_corner_is_no_steel(by: float, beside: int) -> None:
+    groove = Groove()
+    profile = seen(groove.outline(), NOISE, 1)
+    top = int(np.linalg.norm(profile.points - groove.corners[0], axis=1).argmin())
+    at = slice(top + beside, top + beside + 1)
+    section = read_groove(moved_along_rays(profile, at, by * MM))
+    assert np.sqrt(np.trace(section.corner_covariances_s[0])) < 0.1 * MM
+
+
 @pytest.mark.parametrize("by", [-3, 3])
 @pytest.mark.parametrize("share", [0.4, 0.5, 0.6])
 def test_a_bevel_half_of_which_is_a_reflection_is_not_surely_elsewhere(

@@ -57,6 +57,16 @@ def test_the_area_of_what_is_left_is_measured(share: float, bow: float) -> None:
         assert ROOT_NOT_SEEN not in section.conditions
 
 
+def test_the_area_of_what_is_left_is_as_certain_as_stated() -> None:
+    """Top and tangent of a bent wall err together: apart they would explain too little."""
+    groove = replace(GROOVE, wall_curvature=0.5)
+    sides = filled(groove, 0.5)
+    sections = [read_groove(seen(sides, NOISE, seed)) for seed in range(60)]
+    variances = np.array([section.measure_covariance[3, 3] for section in sections])
+    errors = np.array([section.area for section in sections]) - area_left(groove, sides)
+    assert np.mean(errors**2 / variances) == pytest.approx(1, abs=0.3)
+
+
 @pytest.mark.parametrize("left", [1.5, 2.0, 2.5, 3.0, 4.0])
 @pytest.mark.parametrize("out", [0.3, 0.5, 1.6])
 def test_a_short_rest_of_the_bevel_is_no_rounded_edge(left: float, out: float) -> None:

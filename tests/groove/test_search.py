@@ -111,7 +111,7 @@ def test_a_long_line_is_divided_and_grown_together_again() -> None:
     candidates = propose_candidates(points, pieces)
     assert (candidates.first == points.u[0]).any()
     assert ((candidates.first == points.u[0]) & (candidates.last == points.u[-1])).any()
-    np.testing.assert_allclose(candidates.distances(points)[0], 0, atol=1e-9)
+    np.testing.assert_allclose(candidates.scaled_distances(points, 1.0)[0], 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("radius", [-60.0, 30.0, 300.0])
@@ -128,7 +128,9 @@ def test_a_candidate_is_the_curve_that_it_is_drawn_as(radius: float) -> None:
     curve = candidates.as_curves([longest])[0]
     assert np.abs(curve.signed_distances(row.points)).max() < 0.02 * MM
     np.testing.assert_allclose(
-        candidates.distances(points)[longest], curve.signed_distances(row.points), atol=0.01 * MM
+        candidates.scaled_distances(points, 1.0)[longest],
+        curve.signed_distances(row.points),
+        atol=0.01 * MM,
     )
     assert abs(curve.c2) == pytest.approx(500 / abs(radius), rel=0.15)
 
@@ -211,6 +213,20 @@ def test_points_on_one_ray_are_no_surface(x: float) -> None:
     xs[20:26], zs[20:26] = x, 0.3
     expected = read_groove(profile).points_s
     np.testing.assert_allclose(read_groove(Profile(xs, zs)).points_s, expected, atol=0.05 * MM)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_streak_along_a_ray_has_a_curve(seed: int) -> None:
+    """Even if rounding leaves nothing of its bend."""
+    random = np.random.default_rng(seed)
+    z = np.full(43, 0.25)
+    z[:3] = random.uniform(0.2, 0.3) + 0.3 * MM * np.arange(3)
+    u = np.linspace(0.3, 0.5, 43)
+    u[:3] = random.uniform(-0.25, 0.25) + 10 ** random.uniform(-5, -4) * np.arange(3)
+    row = ordered(np.column_stack((-u * z, z)))
+    points = project_points(row, DEFAULT_SETTINGS.noise)
+    candidates = propose_candidates(points, find_pieces(points, find_runs(row.points, row.columns)))
+    assert np.isfinite(candidates.coefficients).all()
 
 
 @pytest.mark.parametrize("every", [3, 7])

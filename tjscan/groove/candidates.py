@@ -68,7 +68,9 @@ ROUGH_REACH_SIGMAS: Final = 2.0
 _KIND_BENDS: Final = np.array([kind.bend for kind in CANDIDATE_KINDS])
 _KIND_UNEVENNESS: Final = np.array([kind.unevenness for kind in CANDIDATE_KINDS])
 _KIND_SEED_POINTS: Final = np.array([[kind.seed_points] for kind in CANDIDATE_KINDS])
-_HANKEL_INDEX: Final = np.add.outer(np.arange(3), np.arange(3))
+
+LEAST_PIVOT: Final = 1e-18
+"""Least weighted square of the spread of points, in m⁴: less is rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,14 +107,12 @@ class CandidateSides:
         y, slope = self.heights_and_slopes(u)
         return np.hypot(u * slope - y, slope)
 
-    def distances(self, points: ProjectivePoints) -> Array:
-        """Distances of points behind each curve, about, in metres, shape (K, n)."""
-        powers = np.array((np.ones_like(points.u), points.u, points.u**2))
-        off = self.coefficients @ powers
-        off -= points.y
-        off *= points.z
-        off /= self.steepness[:, None]
-        return np.asarray(off)
+    def scaled_distances(self, points: ProjectivePoints, reach: Array | float) -> Array:
+        """Distances of points behind each curve, about, over a reach each, shape (K, n)."""
+        u, y, z = points.u, points.y, points.z
+        weights = np.column_stack((self.coefficients, np.ones(len(self.kind))))
+        weights /= (self.steepness * reach)[:, None]
+        return np.asarray(weights @ np.array((z, z * u, z * u**2, -z * y)))
 
     def reaches(self, tolerance: float) -> Array:
         """How far points may lie off each, shape (K,): rough welds and high beads reach farther."""
@@ -247,11 +247,19 @@ def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array,
     Coefficients, shape (K, 3), and inverse normal matrices, shape (K, 3, 3).
     """
     steep, height = _steepness_and_height(sums)
-    normal = sums[:, _HANKEL_INDEX]
+    w, a, b, c, d = sums.T[:5]
     # A bend of c2 metres per square metre is c2 (steep / y)³ in (u, y).
-    normal[:, 2, 2] += variance * (height / steep) ** 6 / bend**2
-    inverse = np.asarray(np.linalg.inv(normal), dtype=float)
-    return np.asarray((inverse @ sums[:, 5:8, None])[..., 0]), inverse
+    d = d + variance * (height / steep) ** 6 / bend**2
+    # Matrices are L D Lᵀ in closed form. Points on nearly one ray show no bend.
+    slope, square = a / w, b / w
+    first = np.maximum(b - slope * a, LEAST_PIVOT)
+    turn = (c - square * a) / first
+    second = np.maximum(d - square * b - turn * turn * first, LEAST_PIVOT)
+    one, none = np.ones_like(w), np.zeros_like(w)
+    rows = (one, none, none), (-slope, one, none), (turn * slope - square, -turn, one)
+    half = (np.array(rows) / np.sqrt(np.array((w, first, second)))[:, None]).transpose(2, 0, 1)
+    inverse = half.transpose(0, 2, 1) @ half
+    return (inverse @ sums[:, 5:8, None])[..., 0], inverse
 
 
 def _squared_errors(sums: Array, coefficients: Array) -> Array:

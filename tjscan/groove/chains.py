@@ -123,24 +123,22 @@ class ChainSearch:
     ) -> None:
         self.candidates = candidates
         reach = candidates.reaches(tolerance)
-        scaled = candidates.distances(points) / reach[:, None]
-        paid = np.minimum(
-            scaled * scaled + WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None], 1
-        )
+        wider = WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None]
+        paid = np.minimum(candidates.scaled_distances(points, reach) ** 2 + wider, 1)
         self._runs, self._costs = runs, paid
-        support = _running_sums(1 - paid)
+        sums = _running_sums(paid)
         # No chain costs less than if every run that jumps off the surface were a reflection.
         least = _running_sums(paid * runs.largest_cost_per_point())
         self._corners = _intersect_candidates(points, candidates)
         own = np.arange(len(reach))
-        before, after = (own[:, None], self._corners.place), (own, self._corners.place)
-        places = self._corners.place, self._corners.x, self._corners.z
-        self._before = np.stack((*places, support[before]), axis=-1)
-        self._after = np.stack((*places, support[after]), axis=-1)
-        left = support[:, -1] - self._after[..., 3]
-        behind = paid.shape[1] - self._corners.place
+        place, x, z = self._corners.place, self._corners.x, self._corners.z
+        before, after = (own[:, None], place), (own, place)
+        self._before = np.stack((place, x, z, place - sums[before]), axis=-1)
+        self._after = np.stack((place, x, z, place - sums[after]), axis=-1)
+        behind = paid.shape[1] - place
+        left = behind - sums[:, -1] + sums[after]
         self._begins = self._before[..., 3] >= np.maximum(
-            LEAST_SUPPORT_SHARE * self._corners.place, FEWEST_OUTER_POINTS
+            LEAST_SUPPORT_SHARE * place, FEWEST_OUTER_POINTS
         )
         self._ends = left >= np.maximum(LEAST_SUPPORT_SHARE * behind, FEWEST_OUTER_POINTS)
         self._pay = least[before] - least[after]
@@ -201,10 +199,10 @@ class ChainSearch:
 
         Corners of the m chains, shape (m, k), come before the points `places`, shape (m, k - 1).
         """
-        own = np.arange(self._costs.shape[1])
-        number = (places[:, :, None] <= own).sum(axis=1)
-        sides = np.take_along_axis(chains, number, axis=1)
-        return self._runs.total_cost(self._costs[sides, own])
+        count = self._costs.shape[1]
+        sizes = np.diff(places, axis=1, prepend=0, append=count)
+        sides = chains.ravel().repeat(sizes.ravel()).reshape(-1, count)
+        return self._runs.total_cost(self._costs.take(sides * count + np.arange(count)))
 
     def _lengthen_chains(
         self, chains: Index, costs: Array, joint: Index, side: SideModel
@@ -260,8 +258,7 @@ def _intersect_candidates(points: ProjectivePoints, candidates: CandidateSides) 
     a, b = a + middle * (b + middle * c), b + 2 * middle * c
     root = np.sqrt(b * b - 4 * a * c)
     u = middle - 2 * a / (b + np.copysign(root, b))
-    own_a, own_b, own_c = candidates.coefficients.T[:, :, None]
-    y, slope = own_a + u * (own_b + u * own_c), own_b + 2 * u * own_c
+    y, slope = candidates.heights_and_slopes(u)
     other_slope = candidates.coefficients[:, 1] + 2 * u * candidates.coefficients[:, 2]
     tx, tz, rx, rz = u * slope - y, -slope, u * other_slope - y, -other_slope
     before, after = np.arctan2(tz, -tx), np.arctan2(rz, -rx)

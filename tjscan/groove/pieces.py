@@ -112,7 +112,9 @@ def project_points(row: Profile, largest_noise: float) -> ProjectivePoints:
         # A sensor that rounds shows no difference if it is finer than its steps.
         size = size[size > LEAST_DIFFERENCE]
         if len(size):
-            sigmas.append(float(np.quantile(size, QUIET_QUANTILE)) / QUIET_QUANTILE_OF_NORMAL)
+            shares = np.linspace(0, 1, len(size))
+            quiet = np.interp(QUIET_QUANTILE, shares, np.sort(size))
+            sigmas.append(float(quiet) / QUIET_QUANTILE_OF_NORMAL)
     return ProjectivePoints(u, y, z, min(max(sigmas), largest_noise))
 
 
@@ -142,8 +144,8 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
     # What the first j blocks cost at least, after as many that never are.
     least = np.concatenate((np.full(longest, np.inf), np.zeros(count + 1)))
     best_start = [0] * (count + 1)
-    for j in range(1, count + 1):
-        total = least[j : j + longest] + costs[j - 1]
+    for j, row in enumerate(costs, 1):
+        total = least[j : j + longest] + row
         i = int(total.argmin())
         least[longest + j] = total[i]
         best_start[j] = j - longest + i

@@ -32,7 +32,6 @@ from tjscan.groove.sides import (
     NoiseCorrelation,
     Polyline,
     corners_between_sides,
-    rebased_at_tangents,
 )
 from tjscan.laser.profile import Profile
 
@@ -311,7 +310,9 @@ def refine_fit(
         limits = np.maximum(limits, _face_bluntness(start, model))
         prior = prior_weights(spread, curved, sigmas, inflation), expected
         if fitted is not None and count < REBASED_ROUNDS:
-            start = start._replace(sides=rebased_at_tangents(start.sides, fitted.middles))
+            # Nearly the same curves, written over their tangents.
+            rebased = map(CubicCurve.rebased_at_tangent, start.sides, fitted.middles)
+            start = start._replace(sides=tuple(rebased))
         shadows = count >= len(widths)
         fitted = _fit_sides_once(row, start, limits, prior, curved, left_out, shadows=shadows)
         if fitted is None:

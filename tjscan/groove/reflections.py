@@ -60,7 +60,7 @@ MOST_REFLECTION_PROBABILITY: Final = 0.25
 
 MEETING_REACH, FEWEST_MEETING, FEWEST_HIDING = 1.5e-3, 2, 3
 """Points of a side, so near a corner in metres, that show it there; and points between two sides
-that hide how one goes over into the other."""
+that hide how one goes over into the other, or show steel: fewer are strays."""
 
 THICKEST_SCALE: Final = 0.5e-3
 """What hangs together with a side, and is farther off it, in metres, is no mill scale."""
@@ -328,13 +328,14 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
     Points that hang together with those before and after them are no reflections. If they are
-    thicker than scale, and begin at a corner, it may be at any of them. Beads leave their sides.
+    several, thicker than scale, and begin at a corner, it may be at any of them. Beads leave
+    their sides.
     """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
     runs = find_runs(fit.row.points, fit.row.columns)
     for a, b in zip(*stretches_of_steel(runs, ~fitted.points_on_sides), strict=True):
-        if np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
+        if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         for i, corner in enumerate(fitted.corners):
             away = fit.row.points[a:b] - corner

@@ -192,8 +192,7 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p3 and p4 are the toes of the weld, which bounds the area that is left."""
     fitted, weld = fit.fitted, len(fit.fitted.curves) - 2
     height = np.sqrt(_height_variances(fitted))
-    total = np.zeros((8, 8)) + fit.other_readings
-    total[:2, :2], total[6:, 6:] = covariance[:2, :2], covariance[-2:, -2:]
+    total = _covariance_of_top_and_angles(covariance - fit.other_readings) + fit.other_readings
     corners, places, ends = [fitted.corners[0]], [], []
     for k, flank in ((2, weld - 1), (4, weld + 1)):
         s, sigma, end = find_toe(fit, flank)
@@ -226,9 +225,10 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
 def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
 
-    One that goes over neither into the bevel nor into the leg may be a reflection. One that goes
-    over into one of them may be spatter there, or its far end may be a reflection. Then the corners
-    are anywhere between the last points of bevel and leg and where these, drawn on, meet.
+    One that goes over neither into the bevel nor into the leg may be a reflection. One that
+    goes over into one of them may be spatter there, or its far end may be a reflection: as
+    probably as points are far off the surface in runs that are as long. Then the corners are
+    anywhere between the last points of bevel and leg and where these, drawn on, meet.
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
@@ -239,15 +239,10 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     gaps = gaps_beside_corners(fitted)[-2:]
     for k, curve in ((0, bevel), (2, leg)):
-        if any(meets):
-            probability = share_in_long_stretches(
-                fit.row,
-                fitted.residuals,
-                points,
-                jumping=SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0,
-            )
-        else:
-            probability = REFLECTION_DENSITY_IN_NOTCH * reflection_probability(fitted)
+        jumping = SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0
+        probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=jumping)
+        if not any(meets):
+            probability *= REFLECTION_DENSITY_IN_NOTCH
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
         far = near + (FARTHEST_ROOT_DISTANCE if k == 0 else -FARTHEST_ROOT_DISTANCE)
@@ -292,10 +287,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     s_last = bevel.position_along_chord(*row.points[last].tolist())
     opening = abs(float(leg.signed_distances(np.array([bevel.point_on_curve(s_last)]))[0]))
     height = np.sqrt(_height_variances(fitted))
-    p2 = covariance[:2, :2]
-    total = np.zeros((8, 8))
-    total[:2, :2] = p2
-    total[6:, 6:] = covariance[-2:, -2:]
+    total = _covariance_of_top_and_angles(covariance)
     under = _first_point_under_bevel(row, leg, last, apex_leg, on_leg)
     if opening > LEAST_OPENING and under is not None:
         step = _column_spacing_along_bevel(row, bevel, last, on_bevel)
@@ -317,8 +309,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
         hides = min(abs(apex_leg - s4), FARTHEST_ROOT_DISTANCE)
         along = hypot(max(opening / 4, LEAST_UNSEEN_SIGMA), sqrt(reflected / 3) * hides)
         total[4:6, 4:6] = _covariance_along_side(leg, s4, along, height[-1])
-        places = (fitted.places[0][0], s4)
-        section = _section_with_corners(fit, points, total, places)
+        section = _section_with_corners(fit, points, total, (fitted.places[0][0], s4))
         return replace(section, conditions=(OPEN_ROOT,), absent=("p4",), root_opening=opening)
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
     s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
@@ -330,8 +321,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     total[2:4, 2:4] = _covariance_along_side(bevel, s3, hypot(reach_3, farther), height[-2])
     total[4:6, 4:6] = _covariance_along_side(leg, s4, hypot(reach_4, farther), height[-1])
     points = np.array((fitted.corners[0], bevel.point_on_curve(s3), leg.point_on_curve(s4)))
-    places = (fitted.places[0][0], s4)
-    section = _section_with_corners(fit, points, total, places)
+    section = _section_with_corners(fit, points, total, (fitted.places[0][0], s4))
     return replace(
         section,
         conditions=(ROOT_NOT_SEEN,),
@@ -370,6 +360,14 @@ def _height_variances(fitted: FittedProfile) -> Array:
     # A line's height at its end is known half as well as in its middle.
     share = np.minimum(4 * fitted.noise.variance_inflation / fitted.counts, 1.0)
     return np.asarray(fitted.sigmas**2 * share)
+
+
+def _covariance_of_top_and_angles(covariance: Array) -> Array:
+    """That of p2 and of the angles of wall and leg, shape (8, 8), from that of a whole fit."""
+    kept = [0, 1, -2, -1]
+    total = np.zeros((8, 8))
+    total[np.ix_(kept, kept)] = covariance[np.ix_(kept, kept)]
+    return total
 
 
 def _covariance_along_side(curve: CubicCurve, s: float, along: float, across: float) -> Array:

@@ -9,7 +9,7 @@ their corners.
 from __future__ import annotations
 
 from math import hypot, sqrt
-from statistics import median
+from statistics import median, median_high
 from typing import Final
 
 import numpy as np
@@ -222,11 +222,11 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
             if n < FEWEST_BESIDE_CORNER or _has_jump(residuals):
                 continue
             # Before the corner the row ends at it, after it the row begins there.
-            inward = residuals if j else residuals[::-1]
-            inner, outer = _upper_median(inward[: n // 2]), _upper_median(inward[n // 2 :])
+            inward = (residuals if j else residuals[::-1]).tolist()
+            inner, outer = median_high(inward[: n // 2]), median_high(inward[n // 2 :])
             if abs(outer) > abs(inner) + SIGNIFICANT_SIGMAS * sigmas[i + j]:
                 continue  # a reflection that grows out of the corner
-            found[i, j] = _upper_median(residuals)
+            found[i, j] = median_high(inward)
             share = sqrt(min(1.0, fitted.noise.variance_inflation / n))
             chance[i, j] = _MEDIAN_OVER_MEAN * sigmas[i + j] * share
     ratio = found / chance
@@ -237,11 +237,6 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
         if side.bead and max(both) < 0 and sum(both) < -SIGNIFICANT_SIGMAS * sqrt(2):
             significant[k - 1, 0] = significant[k, 1] = True
     return np.where(significant, found, 0.0)
-
-
-def _upper_median(values: Array) -> float:
-    """The upper median, without what NumPy's costs a few values."""
-    return float(np.partition(values, len(values) // 2)[len(values) // 2])
 
 
 def _has_jump(residuals: Array) -> bool:

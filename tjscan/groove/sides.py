@@ -348,13 +348,6 @@ class GrooveFit:
     evidence: SectionEvidence | None = None
 
 
-def rebased_at_tangents(
-    sides: tuple[CubicCurve, ...], places: tuple[float, ...]
-) -> tuple[CubicCurve, ...]:
-    """Nearly the same curves, each written over its tangent at its place s."""
-    return tuple(side.rebased_at_tangent(s) for side, s in zip(sides, places, strict=True))
-
-
 def stretches_of_true_values(values: NDArray[np.bool_]) -> tuple[Index, Index]:
     """First index of each stretch of true values, and the index after its last."""
     padded = np.concatenate(([False], values, [False]))

@@ -280,7 +280,7 @@ def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
     residuals = fit.fitted.residuals[fit.fitted.spans[k]]
     near = residuals[np.abs(residuals) < SURFACE_REACH]
     blocks = near[: len(near) // STEP_BLOCK * STEP_BLOCK].reshape(-1, STEP_BLOCK)
-    steps = np.abs(np.diff(np.median(blocks, axis=1))) > LEAST_SCALE_STEP
+    steps = np.abs(np.diff(np.sort(blocks, axis=1)[:, STEP_BLOCK // 2])) > LEAST_SCALE_STEP
     return bool(np.count_nonzero(steps) >= FEWEST_SCALE_STEPS)
 
 
