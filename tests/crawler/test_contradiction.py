@@ -350,3 +350,15 @@ def test_profiles_without_points_contradict_nothing() -> None:
     empty = Profile(np.full(290, np.nan), np.full(290, np.nan))
     for _ in range(300):
         watch.add(going, going, 0.01, empty, None)
+
+
+def test_what_a_busy_host_commanded_late_contradicts_nothing() -> None:
+    watch, still = ContradictionWatch(TrackGeometry()), Profile(np.zeros(2), np.full(2, np.nan))
+    ahead, turning = Twist(20e-3, 0.0), Twist(20e-3, 0.1)
+    for _ in range(50):
+        watch.add(ahead, ahead, 0.02, still, 0.0)
+    watch.add(turning, ahead, 0.4, still, 0.3e-3)
+    for _ in range(50):
+        watch.add(turning, turning, 0.02, still, 0.0)
+    with pytest.raises(CrawlStopped):
+        watch.add(turning, ahead, 0.09, still, 0.0)

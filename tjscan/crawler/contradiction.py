@@ -19,7 +19,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.slip_estimator import INERTIAL_MEAN_TIME, MOST_SIDEWAYS_SHARE
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.vehicle import Twist, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
 WHEEL_MEMORY_LENGTH, WHEEL_MEMORY_TIME = 0.030, 10.0
 """Metres and seconds over which a wheel is held against its command."""
@@ -36,6 +36,10 @@ SUSPECT_WHEEL_ERROR: Final = 0.3e-3
 
 STANDING_SHARE: Final = 0.2
 """Share of its command below which a wheel counts as one that shows no motion."""
+
+LONGEST_JUDGED_PERIOD: Final = 0.1
+"""Seconds from one cycle to the next, up to which a command says how tracks ran meanwhile: a busy
+host commands late, and what that led to contradicts nothing (assumption: twice `DRIVE_LAG`)."""
 
 SUDDEN_LENGTH, LASTING_LENGTH = 2e-3, 30e-3
 """Metres over which readings are averaged that may contradict the estimate: a jump shows within the
@@ -369,16 +373,20 @@ class ContradictionWatch:
 
     def begin_again(self) -> None:
         """Forget what was: the vehicle is driven by hand, or rests there."""
-        self._wheels = WheelWatch(self._tracks)
-        self._readings = ScatterWatch(
-            (SUDDEN_LENGTH, LASTING_LENGTH), LEAST_SCATTERS, SCATTER_MEMORY_LENGTH, LARGEST_SURPRISE
-        )
+        self._forget_ways(AT_REST)
         self._pictures, self.inertial = PictureWatch(), InertialWatch()
         self._surprises: deque[float] = deque(maxlen=SURPRISES_KEPT)
         self._seen: Profile | None = None
         self._unseen, self._unseen_way = 0, 0.0
         self._doubt: CrawlStopped | None = None
         self._doubted_time = 0.0
+
+    def _forget_ways(self, commanded: Twist) -> None:
+        """Forget how far wheels are behind, and readings off the estimate."""
+        self._wheels = WheelWatch(self._tracks, self._tracks.track_speeds(commanded))
+        self._readings = ScatterWatch(
+            (SUDDEN_LENGTH, LASTING_LENGTH), LEAST_SCATTERS, SCATTER_MEMORY_LENGTH, LARGEST_SURPRISE
+        )
 
     def add(
         self,
@@ -411,10 +419,13 @@ class ContradictionWatch:
             If something does not fit; its cause is named.
         """
         way = abs(shown.speed) * period
-        self._wheels.add(commanded, shown, period)
         self._pictures.add(profile, way)
         self._settle_doubt(period)
         self._unseen_way += way
+        if period > LONGEST_JUDGED_PERIOD:
+            self._forget_ways(commanded)
+            return
+        self._wheels.add(commanded, shown, period)
         if surprise is None:
             if not filled:
                 self._check_unread(profile)
