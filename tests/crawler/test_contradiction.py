@@ -362,3 +362,14 @@ def test_what_a_busy_host_commanded_late_contradicts_nothing() -> None:
         watch.add(turning, turning, 0.02, still, 0.0)
     with pytest.raises(CrawlStopped):
         watch.add(turning, ahead, 0.09, still, 0.0)
+
+
+def test_a_host_too_slow_to_judge_any_cycle_stops_the_crawl() -> None:
+    watch, still = ContradictionWatch(TrackGeometry()), Profile(np.zeros(2), np.full(2, np.nan))
+    ahead = Twist(20e-3, 0.0)
+    watch.add(ahead, ahead, 2.0, still, 0.0)
+    watch.add(ahead, ahead, 0.05, still, 0.0)
+    for _ in range(20):
+        watch.add(ahead, ahead, 0.12, still, 0.0)
+    with pytest.raises(CrawlStopped, match="too long to see"):
+        watch.add(ahead, ahead, 0.12, still, 0.0)

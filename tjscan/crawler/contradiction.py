@@ -41,6 +41,9 @@ LONGEST_JUDGED_PERIOD: Final = 0.1
 """Seconds from one cycle to the next, up to which a command says how tracks ran meanwhile: a busy
 host commands late, and what that led to contradicts nothing (assumption: twice `DRIVE_LAG`)."""
 
+LARGEST_UNJUDGED_WAY: Final = 50e-3
+"""Metres on end over which cycles may be too long to be judged: one of two seconds at 25 mm/s."""
+
 SUDDEN_LENGTH, LASTING_LENGTH = 2e-3, 30e-3
 """Metres over which readings are averaged that may contradict the estimate: a jump shows within the
 first, a wrong turn within the second, over which the ripple of a chain of that pitch is nothing."""
@@ -379,7 +382,7 @@ class ContradictionWatch:
         self._seen: Profile | None = None
         self._unseen, self._unseen_way = 0, 0.0
         self._doubt: CrawlStopped | None = None
-        self._doubted_time = 0.0
+        self._doubted_time = self._unjudged_way = 0.0
 
     def _forget_ways(self, commanded: Twist) -> None:
         """Forget how far wheels are behind, and readings off the estimate."""
@@ -422,7 +425,15 @@ class ContradictionWatch:
         self._pictures.add(profile, way)
         self._settle_doubt(period)
         self._unseen_way += way
-        if period > LONGEST_JUDGED_PERIOD:
+        late = period > LONGEST_JUDGED_PERIOD
+        self._unjudged_way = self._unjudged_way + way if late else 0.0
+        if self._unjudged_way > LARGEST_UNJUDGED_WAY:
+            raise CrawlStopped(
+                "clock",
+                f"for {1e3 * self._unjudged_way:.0f} mm the vehicle's states came {period:.2f} s "
+                "apart, too long to see what contradicts them: end what else this computer runs",
+            )
+        if late:
             self._forget_ways(commanded)
             return
         self._wheels.add(commanded, shown, period)
