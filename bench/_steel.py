@@ -252,11 +252,16 @@ def _beads(a: Array, b: Array, rng: np.random.Generator) -> Array:
 
 
 def area_left(g: Groove) -> float:
-    """Area between the weld and where the tangents of wall and leg meet, in m²."""
+    """Area between the weld and where the tangents of wall and leg meet, in m².
+
+    What stands out over both counts as less than nothing.
+    """
     (top, _, toe), down = g.corners, _unit(g.wall[-1] - g.wall[-3])
-    along = np.linalg.solve(np.column_stack((down, _unit(g.leg[0] - g.leg[2]))), toe - top)[0]
+    in_ = _unit(g.leg[0] - g.leg[2])
+    along = np.linalg.solve(np.column_stack((down, in_)), toe - top)[0]
     x, z = np.vstack((top, g.root, top + along * down)).T
-    return 0.5 * abs(float(x @ np.roll(z, -1) - z @ np.roll(x, -1)))
+    side = np.sign(down[1] * in_[0] - down[0] * in_[1])
+    return 0.5 * float(side * (x @ np.roll(z, -1) - z @ np.roll(x, -1)))
 
 
 def two_facets(g: Groove, rng: np.random.Generator) -> None:

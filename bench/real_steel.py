@@ -59,8 +59,8 @@ REAL: Final = Path("shared") / "data" / "v-groove-real"
 LEAST_READ: Final = {"spatter": 95.0, "several at once": 95.0}
 """Per cent; 97 elsewhere."""
 
-NEARLY_FULL, LEAST_FILLED_READ = 75, 90
-"""Per cent of fill from which a groove may be refused as welded already, and share that is read."""
+LEAST_FILLED_READ = 90
+"""Per cent of the grooves with weld in them, as far as anything is left to fill."""
 
 FAULTS: Final = {fault.name: fault for fault in (*GROOVES, *FILLED, *NO_GROOVE)}
 FEWEST_FOR_MEAN: Final = 20
@@ -182,33 +182,62 @@ def no_groove_row(fault: Fault, verdicts: Sequence[Verdict]) -> Row:
 # --- grooves with weld in them
 
 
-def judge_fill(name: str, k: int) -> tuple[bool, float, float]:
-    """Whether a corner is wrong and sure; error of the area as a share of it, and its z²."""
+@dataclass(frozen=True)
+class FillVerdict:
+    """One profile of a groove with weld in it, judged.
+
+    Parameters
+    ----------
+    left, read, sure_wrong : bool
+        Whether there is area left to fill; the rest as of `Verdict`.
+    error : float
+        Of the area, as a share of it.
+    z_sq : float
+        The same squared, over the stated variance.
+    """
+
+    left: bool
+    read: bool
+    sure_wrong: bool = False
+    error: float = math.nan
+    z_sq: float = math.nan
+
+
+def judge_fill(name: str, k: int) -> FillVerdict:
+    """Read the k-th profile of a row of grooves with weld in them."""
     shot = shoot(FAULTS[name], k)
     reading = read(shot.points)
+    truth = area_left(shot.groove)
     if isinstance(reading, str):
-        return False, math.nan, math.nan
+        return FillVerdict(truth > 0, read=False)
     off = np.linalg.norm(reading.corners - shot.groove.corners, axis=1)
-    truth, (area, sigma) = area_left(shot.groove), reading.area
+    area, sigma = reading.area
     wrong = bool(np.any((reading.sigmas < SURE) & (off > WRONG)))
-    return wrong, abs(area / truth - 1), ((area - truth) / sigma) ** 2
+    z_sq = ((area - truth) / sigma) ** 2
+    return FillVerdict(truth > 0, True, wrong, abs(area / truth - 1), z_sq)
 
 
-def fill_rows(fault: Fault, found: Sequence[tuple[bool, float, float]]) -> list[Row]:
-    """The bars of a row; a profile that is refused states no area."""
-    wrong, errors, scaled = np.array(found).T
-    seen = np.isfinite(errors)
-    rows = [Row(f"{fault.name}: sure and wrong", 100 * float(wrong.mean()), 0.5, "%")]
-    if np.count_nonzero(seen) >= FEWEST_FOR_MEAN:
-        p95 = 100 * float(np.percentile(errors[seen], 95))
+def fill_rows(fault: Fault, verdicts: Sequence[FillVerdict]) -> list[Row]:
+    """The bars of a row: where nothing is left to fill, a profile is to be refused."""
+    name = fault.name
+    wrong = 100 * float(np.mean([v.sure_wrong for v in verdicts]))
+    over = sum(v.read and not v.left for v in verdicts)
+    rows = [
+        Row(f"{name}: sure and wrong", wrong, 0.5, "%"),
+        Row(f"{name}: read, though nothing is left", 100 * over / len(verdicts), 2, "%"),
+    ]
+    due = [v for v in verdicts if v.left]
+    errors = 100 * np.array([v.error for v in due if v.read])
+    if len(errors) >= FEWEST_FOR_MEAN:
+        z_sq = float(np.mean([v.z_sq for v in due if v.read]))
         rows += [
-            Row(f"{fault.name}: area left, mean error", 100 * float(errors[seen].mean()), 2, "%"),
-            Row(f"{fault.name}: area left, 95 %", p95, 5, "%"),
-            Row(f"{fault.name}: area left, mean z²", float(scaled[seen].mean()), 2, at_least=0.5),
+            Row(f"{name}: area left, mean error", float(errors.mean()), 2, "%"),
+            Row(f"{name}: area left, 95 %", float(np.percentile(errors, 95)), 5, "%"),
+            Row(f"{name}: area left, mean z²", z_sq, 2, at_least=0.5),
         ]
-    if int(fault.name.split()[0]) < NEARLY_FULL:
-        share = 100 * float(seen.mean())
-        rows.append(Row(f"{fault.name}: read", share, 100, "%", at_least=LEAST_FILLED_READ))
+    if len(due) >= FEWEST_FOR_MEAN:
+        share = 100 * len(errors) / len(due)
+        rows.append(Row(f"{name}: read", share, 100, "%", at_least=LEAST_FILLED_READ))
     return rows
 
 

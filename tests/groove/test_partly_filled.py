@@ -39,12 +39,16 @@ def filled(
 
 
 def area_left(groove: Groove, sides: list[Array]) -> float:
-    """Of the polygon of p2, the weld's surface, and where the tangents of wall and leg meet."""
+    """Of the polygon of p2, the weld's surface, and where the tangents of wall and leg meet.
+
+    What stands out over both counts as less than nothing.
+    """
     surface, leg = sides[2], sides[3][1] - sides[3][0]
     down, p2 = groove.directions[0], groove.corners[0]
     along = np.linalg.solve(np.column_stack((down, -leg)), surface[-1] - p2)[0]
     x, z = np.vstack((p2, surface, p2 + along * down)).T
-    return 0.5 * abs(float(x @ np.roll(z, -1) - z @ np.roll(x, -1)))
+    side = np.sign(leg[0] * down[1] - leg[1] * down[0])
+    return 0.5 * float(side * (z @ np.roll(x, -1) - x @ np.roll(z, -1)))
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7])
@@ -65,6 +69,22 @@ def test_the_area_of_what_is_left_is_as_certain_as_stated() -> None:
     variances = np.array([section.measure_covariance[3, 3] for section in sections])
     errors = np.array([section.area for section in sections]) - area_left(groove, sides)
     assert np.mean(errors**2 / variances) == pytest.approx(1, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("share", "out"), [(0.6, 1.0), (0.6, 1.6), (0.7, 1.0), (0.75, 1.0), (0.6, 2.0), (0.75, 1.3)]
+)
+def test_a_weld_may_reach_out_over_the_leg_beyond_the_wall(share: float, out: float) -> None:
+    """What it leaves beside the bevel counts, less what stands out beyond the wall."""
+    sides = filled(GROOVE, share, out=out)
+    truth = area_left(GROOVE, sides)
+    for seed in range(3):
+        if truth > 0:
+            section = read_groove(seen(sides, NOISE, seed))
+            assert section.area == pytest.approx(truth, rel=0.01, abs=1e-6)
+        else:
+            with pytest.raises(GrooveNotFound, match="nothing is left to fill"):
+                read_groove(seen(sides, NOISE, seed))
 
 
 @pytest.mark.parametrize("left", [1.5, 2.0, 2.5, 3.0, 4.0])

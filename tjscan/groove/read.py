@@ -26,8 +26,13 @@ from tjscan.groove.steel import fit_bare_steel
 from tjscan.laser.profile import Profile
 
 LEAST_DEPTH, LEAST_DEPTH_OVER_FACE = 4e-3, 1.5e-3
-"""Depth of the shallowest groove that is read, and of one with a face of its root or of a weld, in
-metres: where a groove is welded up, its cap and the leg look like a shallow one without a face."""
+"""How far the shallowest bevel that is read goes behind the wall, and that of a groove with a face
+of its root or of a weld, in metres: where a groove is welded up, its cap and the leg look like a
+shallow one without a face."""
+
+SURE_LENGTH_SIGMAS: Final = 2.5
+"""Standard deviations of its own length by which a bevel shallower than `LEAST_DEPTH` is longer
+than nothing."""
 
 FARTHEST_POINT_RATIO: Final = 4.0
 """Points farther from the sensor than this many times the median depth are none."""
@@ -169,14 +174,23 @@ def _check_corner_uncertainty(row: Profile, variance: float, settings: GrooveSet
 
 
 def _check_shape(section: GrooveSection, points: Array) -> None:
-    """Refuse a section whose opening or depth is no groove's to be welded."""
-    least = LEAST_DEPTH if ROOT_NOT_SEEN in section.conditions else LEAST_DEPTH_OVER_FACE
-    if section.depth < least or section.area <= 0:
+    """Refuse a section whose opening or bevel is no groove's to be welded."""
+    bevel = (section.points_s[1] - section.points_s[2])[[0, 2]]
+    length = float(np.hypot(*bevel))
+    depth = length * np.cos(section.gamma_1)
+    across = np.concatenate((bevel, -bevel)) / length
+    sigma = sqrt(max(float(across @ section.covariance_s[:4, :4] @ across), 0.0))
+    sure = depth > LEAST_DEPTH or (
+        depth > LEAST_DEPTH_OVER_FACE
+        and ROOT_NOT_SEEN not in section.conditions
+        and length > SURE_LENGTH_SIGMAS * sigma
+    )
+    left = f"the bevel goes {1e3 * max(depth, 0.0):.1f} mm behind the wall"
+    if sure and section.area <= 0:
+        sure, left = False, "nothing is left to fill"
+    if not sure:
         raise GrooveNotFound(
-            "no bevel",
-            f"the groove between wall and leg is {1e3 * max(section.depth, 0.0):.1f} mm deep: the "
-            "groove is already welded, or there is none",
-            points,
+            "no bevel", f"{left}: the groove is already welded, or there is none", points
         )
     if not LEAST_OPENING_ANGLE < section.groove_angle < LARGEST_OPENING_ANGLE:
         raise GrooveNotFound(

@@ -207,7 +207,7 @@ def measure_groove(
     ax, az = qz - (lz * lever - wz * reach) / sine, -qx + (lx * lever - wx * reach) / sine
     by_wall = along * ((wz * bz + wx * bx) - lever * (wz * lz + wx * lx) / sine)
     by_leg = (lever / sine) * (along * (wx * lx + wz * lz) - (bx * lx + bz * lz))
-    half = copysign(0.5, double)
+    half = 0.5 * sign
     fx, fz, ex, ez = rx, rz, rx, rz  # from p3 to the surface's first point, from its last to p4
     if surface is not None and len(surface):
         x, z = (surface - p3).T
