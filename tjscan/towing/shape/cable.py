@@ -35,6 +35,11 @@ class Cable:
         Of the cable itself, metres: r.
     root : tuple of float
         x and y, metres, and the direction of the first link at a first joint of no angle, radians.
+    rest_angle : float
+        Of every joint of a cable that nothing bends, radians: its set, from years on a drum.
+    friction_doubt : float
+        Share by which friction over stiffness may differ: floors differ by half (table I has one
+        figure), and cables stiffen as they cool.
 
     Raises
     ------
@@ -49,6 +54,8 @@ class Cable:
     friction: float = 0.87 * 0.10 * 9.81
     radius: float = 8.5e-3
     root: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rest_angle: float = 0.0
+    friction_doubt: float = 0.5
 
     def __post_init__(self) -> None:
         sizes = (self.link_length, self.least_bend_radius, self.bending_stiffness)
