@@ -98,6 +98,34 @@ class Rod(NamedTuple):
     mass: Array
 
 
+class Step(NamedTuple):
+    """What a step needs to know besides: of where it begins, of what pushes, and room.
+
+    Parameters
+    ----------
+    ahead, push : ndarray, shape (d,)
+        Where everything would go by itself, and forces.
+    start : ndarray, shape (n + 1, 2)
+        Places of the points before.
+    bent : ndarray, shape (n,)
+        Their angles before.
+    contacts : ndarray, shape (c, 4)
+        First degree of freedom, normal, and how far along it there is something.
+    seconds : float
+    points, angles : ndarray
+        Room for what `potential` finds.
+    """
+
+    ahead: Array
+    push: Array
+    start: Array
+    bent: Array
+    contacts: Array
+    seconds: float
+    points: Array
+    angles: Array
+
+
 @njit(cache=True)
 def place(rod: Rod, x: Array, points: Array) -> None:
     """Fill the points' places, shape (n + 1, 2)."""
@@ -123,11 +151,9 @@ def bends(rod: Rod, points: Array, angles: Array) -> None:
 
 
 @njit(cache=True)
-def potential(
-    rod: Rod, x: Array, ahead: Array, push: Array, start: Array, bent: Array, contacts: Array,
-    step: float, points: Array, angles: Array,
-) -> float:  # fmt: skip
+def potential(rod: Rod, x: Array, given: Step) -> float:
     """Incremental potential of a step."""
+    ahead, push, start, bent, contacts, step, points, angles = given
     place(rod, x, points)
     bends(rod, points, angles)
     energy = 0.0
@@ -187,11 +213,9 @@ def add_square(rod: Rod, x: Array, js: Any, gs: Array, factor: float, band: Arra
 
 
 @njit(cache=True)
-def derivatives(
-    rod: Rod, x: Array, ahead: Array, push: Array, start: Array, bent: Array, contacts: Array,
-    step: float, points: Array, angles: Array, gradient: Array, band: Array,
-) -> None:  # fmt: skip
+def derivatives(rod: Rod, x: Array, given: Step, gradient: Array, band: Array) -> None:
     """Gradient and a positive Hessian of the potential at what `potential` was last asked for."""
+    ahead, push, start, bent, contacts, step, points, angles = given
     n = len(angles)
     band[:] = 0.0
     for i in range(len(x)):
@@ -278,39 +302,37 @@ def advance(
 ) -> tuple[int, float]:
     """One step, in place; Newton steps, and what is left of the balance of forces."""
     n, d = len(rod.dof) - 1, len(x)
-    start, points, bent, angles = np.empty((n + 1, 2)), np.empty((n + 1, 2)), np.empty(n), np.empty(n)
+    start, points, bent, angles = (
+        np.empty((n + 1, 2)),
+        np.empty((n + 1, 2)),
+        np.empty(n),
+        np.empty(n),
+    )
     place(rod, x, start)
     bends(rod, start, bent)
-    ahead = x + step * speed
-    now = ahead.copy()
+    given = Step(x + step * speed, push, start, bent, contacts, step, points, angles)
+    now = given.ahead.copy()
     gradient, band, trial = np.empty(d), np.empty((d, BAND)), np.empty(d)
-    energy = potential(rod, now, ahead, push, start, bent, contacts, step, points, angles)
-    at_rest = potential(rod, x, ahead, push, start, bent, contacts, step, points, angles)
-    if at_rest < energy:
+    if potential(rod, x, given) < potential(rod, now, given):
         now[:] = x
-    energy = potential(rod, now, ahead, push, start, bent, contacts, step, points, angles)
-    left, count = np.inf, 0
-    for count in range(MOST_NEWTON_STEPS):
-        derivatives(
-            rod, now, ahead, push, start, bent, contacts, step, points, angles, gradient, band
-        )
+    energy, left, count = potential(rod, now, given), np.inf, 0
+    while count < MOST_NEWTON_STEPS:
+        derivatives(rod, now, given, gradient, band)
         left = np.abs(gradient).max()
         if left < FORCE_TOLERANCE:
             break
+        count += 1
         way = -gradient
         solve_band(band, way)
         share, better = 1.0, False
         for _ in range(12):
             trial[:] = now + share * way
-            after = potential(
-                rod, trial, ahead, push, start, bent, contacts, step, points, angles
-            )
+            after = potential(rod, trial, given)
             if after <= energy + 1e-4 * share * (gradient @ way):
                 better = True
                 break
             share *= 0.4
         if not better:
-            potential(rod, now, ahead, push, start, bent, contacts, step, points, angles)
             break
         now[:], energy = trial, after
     speed[:] = (now - x) / step
@@ -358,39 +380,39 @@ def _cable_on_itself(places: Array, gap: float) -> list[tuple[int, int]]:
 
 
 @njit(cache=True)
-def is_anything_near(
-    places: Array, poses: Array, discs: Array, walls: Array, held: Any, thick: float,
-    radius: float, exempt: int,
-) -> bool:  # fmt: skip
-    """Whether anything may touch: cheap, and never wrong when it says no."""
+def is_near_discs(at: Array, discs: Array, apart: float) -> bool:
+    """Whether any of some points is nearer to a disc x, y, radius than that."""
     for c in range(len(discs)):
-        for j in range(len(places)):
-            if np.hypot(places[j, 0] - discs[c, 0], places[j, 1] - discs[c, 1]) < discs[c, 2] + thick:
+        for j in range(len(at)):
+            if np.hypot(at[j, 0] - discs[c, 0], at[j, 1] - discs[c, 1]) < discs[c, 2] + apart:
                 return True
-        for m in range(len(poses)):
-            far = np.hypot(poses[m, 0] - discs[c, 0], poses[m, 1] - discs[c, 1])
-            if far < discs[c, 2] + radius:
-                return True
+    return False
+
+
+@njit(cache=True)
+def is_near_walls(at: Array, walls: Array, apart: float) -> bool:
+    """Whether any of some points is nearer to a wall than that."""
     for e in range(len(walls)):
-        a, b = walls[e, :2], walls[e, 2:]
-        for j in range(PARTS * exempt + 1, len(places) - PARTS * exempt):
-            at = nearest_on(a, b, places[j]) - places[j]
-            if at @ at < thick * thick:
+        for j in range(len(at)):
+            off = nearest_on(walls[e, :2], walls[e, 2:], at[j]) - at[j]
+            if off @ off < apart * apart:
                 return True
-        for m in range(len(poses) - 1):
-            at = nearest_on(a, b, poses[m, :2]) - poses[m, :2]
-            if at @ at < radius * radius:
-                return True
-    for m in range(len(poses)):
-        for k in range(m):
-            if np.hypot(poses[m, 0] - poses[k, 0], poses[m, 1] - poses[k, 1]) < 2 * radius:
-                return True
-        near = PARTS * (int(np.ceil(radius / 0.1)) + 2)
-        for j in range(len(places)):
-            if abs(j - PARTS * held[m]) > near:
-                far = np.hypot(poses[m, 0] - places[j, 0], poses[m, 1] - places[j, 1])
-                if far < radius + thick:
-                    return True
+    return False
+
+
+@njit(cache=True)
+def is_near_itself(places: Array, bodies: Array, held: Any, thick: float, radius: float) -> bool:
+    """Whether a vehicle may touch another one or cable, or the cable itself."""
+    near = PARTS * (int(np.ceil(radius / 0.1)) + 2)
+    for m in range(len(bodies)):
+        own = np.array([[bodies[m, 0], bodies[m, 1], radius]])
+        first, last = PARTS * held[m] - near, PARTS * held[m] + near + 1
+        if is_near_discs(bodies[:m], own, radius):
+            return True
+        if is_near_discs(places[: max(first, 0)], own, thick):
+            return True
+        if is_near_discs(places[last:], own, thick):
+            return True
     return len(_cable_on_itself(places, 2 * thick)) > 0
 
 
@@ -523,16 +545,23 @@ class OtherCablePlant:
     def _look_for_contacts(self) -> None:
         """Find what touches what, and what is pushed back."""
         places, world = self._places(), self._world
-        sizes = world.cable.radius, world.vehicle.body_radius, world.exempt_links
-        held = np.array(world.cable.held)
-        if not is_anything_near(places, self.poses, self._passers, self._walls, held, *sizes):
+        cable, radius, free = world.cable, world.vehicle.body_radius, world.exempt_links
+        bodies, held, thick = self.poses[:, :2], np.array(cable.held), cable.radius
+        inner = places[PARTS * free + 1 : len(places) - PARTS * free]
+        if not (
+            is_near_discs(places, self._passers, thick)
+            or is_near_discs(bodies, self._passers, radius)
+            or is_near_walls(inner, self._walls, thick)
+            or is_near_walls(bodies[:-1], self._walls, radius)
+            or is_near_itself(places, bodies, held, thick, radius)
+        ):
             self._pairs, self._contacts = set(), np.zeros((0, 4))
             return
-        cable, radius = world.cable, world.vehicle.body_radius
-        bodies = self.poses[:, :2]
         pairs, contacts = set[tuple[str, str]](), []
         of_point = np.clip((np.arange(self._n + 1) - 1) // PARTS, 0, cable.links - 1)
-        free = (of_point >= world.exempt_links) & (of_point < cable.links - world.exempt_links)
+        may_meet_wall = (of_point >= world.exempt_links) & (
+            of_point < cable.links - world.exempt_links
+        )
 
         def touch(name: str, at: Array, gap: Array, who: list[tuple[str, int]]) -> None:
             for k in np.flatnonzero(gap < 0):
@@ -548,7 +577,11 @@ class OtherCablePlant:
         for name, a, b in self._edges:
             d = (b - a) / np.hypot(*(b - a))
             for who, places_of, size in (
-                ([one for one, f in zip(links, free, strict=True) if f], places[free], cable.radius),
+                (
+                    [one for one, f in zip(links, may_meet_wall, strict=True) if f],
+                    places[free],
+                    cable.radius,
+                ),
                 (vehicles[:-1], bodies[:-1], radius),
             ):
                 share = np.clip((places_of - a) @ d, 0, np.hypot(*(b - a)))
@@ -577,7 +610,5 @@ class OtherCablePlant:
 @contextmanager
 def other_cable(truth: CableTruth | None = None) -> Iterator[None]:
     """Let simulated worlds have this plant."""
-    with patch(
-        "tjscan.vehicle.cable.world.CablePlant", partial(OtherCablePlant, truth=truth)
-    ):
+    with patch("tjscan.vehicle.cable.world.CablePlant", partial(OtherCablePlant, truth=truth)):
         yield

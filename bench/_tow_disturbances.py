@@ -13,8 +13,8 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from _tows import EXAMPLES, seam_piece
 from _other_cable import CableTruth, other_cable
+from _tows import EXAMPLES, seam_piece
 from numpy.random import Generator
 
 from tjscan.core.errors import TowHalted, VehicleFault
@@ -25,6 +25,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.run import make_tow
 from tjscan.runs.tow.study import InMemoryTowJournal
 from tjscan.towing.loop import PLAN_PERIOD
+from tjscan.towing.shape.plan import TowingPlan
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
 from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
@@ -126,13 +127,16 @@ def tow_disturbed(
     job: TowJob,
     disturb: Callable[[TowingWorld, SimulatedLocalisation], None],
     truth: CableTruth | None = None,
+    begin: Callable[[TowJob], TowingPlan] | None = None,
 ) -> DisturbedTow:
     """Tow in a world that is disturbed, on the plant of another make."""
     planner = make_shape_planner(job)
-    sweep = check_seam(job, planner)
-    sweep.refuse_if_blocked()
+    if begin is None:
+        sweep = check_seam(job, planner)
+        sweep.refuse_if_blocked()
+    start = sweep.start if begin is None else begin(job)
     with other_cable(truth):
-        cell = make_tow_cell(job, sweep.start.angles)
+        cell = make_tow_cell(job, start.angles)
     world, seen = cell.world, cell.localisation
     assert world is not None
     assert isinstance(seen, SimulatedLocalisation)
@@ -142,7 +146,7 @@ def tow_disturbed(
     journal, ended = EventJournal(cell.truth), ""
     try:
         with cell:
-            make_tow(job, cell, planner, journal).run(0.0, sweep.start)
+            make_tow(job, cell, planner, journal).run(0.0, start)
     except (TowHalted, VehicleFault) as error:
         ended = str(error)
     return DisturbedTow(job, journal, ended)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-
 from _other_cable import CableTruth, other_cable
 
 from tjscan.core.errors import TjscanError

@@ -33,7 +33,8 @@ def run(
     resume
         Go on with a tow that was stopped.
     dry_run
-        Find out whether the cable can follow along the whole seam; nothing moves.
+        Find out whether the cable can follow along the whole seam; nothing moves. With --json it
+        prints the best first shape, too: of a seam of one point, that for given ends.
     json
         Print the figures as JSON on stdout.
     """

@@ -197,7 +197,8 @@ class TowJob(StrictFileModel):
     @property
     def team(self) -> TowingTeam:
         """The vehicles, as the planner knows them."""
-        return TowingTeam(self.held_links, self.vehicles.radius, self.vehicles.speed)
+        ours = self.vehicles
+        return TowingTeam(self.held_links, ours.radius, ours.speed, ours.force)
 
     @property
     def cable_with_bend_reserve(self) -> Cable:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import asin, isfinite
+from math import asin, inf, isfinite
 
 import numpy as np
 
@@ -148,6 +148,8 @@ class TowingTeam:
         Of a vehicle seen from above, metres.
     top_speed : float
         Of a towing vehicle, m/s.
+    force : float
+        With which a vehicle can pull at most, newton.
 
     Raises
     ------
@@ -158,6 +160,7 @@ class TowingTeam:
     held_links: tuple[int, ...] = equally_spaced_links(60, 6)
     body_radius: float = 0.15
     top_speed: float = 0.1
+    force: float = inf
 
     def __post_init__(self) -> None:
         held = self.held_links

@@ -97,7 +97,10 @@ def identify_cable(
             friction=cable.friction * slower,
             rest_angle=0.0,
         )
-        lies, forces = CableEstimate.without_floor_pull(guess, first), np.empty((kept, len(held), 2))
+        lies, forces = (
+            CableEstimate.without_floor_pull(guess, first),
+            np.empty((kept, len(held), 2)),
+        )
         off = np.empty(kept)
         for k, each in enumerate(poses[:kept]):
             lies = estimate_shape(guess, held, each, last=lies, trust=trust)
@@ -121,10 +124,12 @@ def identify_cable(
     )
     block = np.broadcast_to(np.arange(len(known))[:, None, None], known.shape)[known]
     which = (block - SKIPPED_BLOCKS) // CLUSTER_BLOCKS
-    spread = np.linalg.inv(found.jac.T @ found.jac)
-    sums = np.array([found.fun[which == k] @ found.jac[which == k] for k in range(clusters)])
+    jacobian = np.asarray(found.jac)
+    spread = np.linalg.inv(jacobian.T @ jacobian)
+    sums = np.array([found.fun[which == k] @ jacobian[which == k] for k in range(clusters)])
     sd = np.sqrt(np.diag(spread @ (sums.T @ sums) @ spread) * clusters / (clusters - 2))
-    stiffness, drag = np.exp(found.x - 1.0) * (cable.bending_stiffness * length, cable.friction / length)
+    scale = np.exp(found.x - 1.0)
+    stiffness, drag = scale * (cable.bending_stiffness * length, cable.friction / length)
     bends = -(pushes[:kept, -1, 2] + tow(found.x)[1]) / stiffness
     bends = bends[SKIPPED_BLOCKS * BLOCK_CYCLES :]
     parts = [each.mean() for each in np.array_split(bends[np.isfinite(bends)], clusters)]
