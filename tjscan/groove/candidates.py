@@ -149,10 +149,13 @@ def propose_candidates(points: ProjectivePoints, pieces: Pieces) -> CandidateSid
     variance = NOISE_INFLATION * points.noise**2
     if kernel.compiled is not None:
         n = len(CANDIDATE_KINDS) * MOST_CANDIDATES
-        found = np.empty(n, dtype=np.intp), *map(np.empty, (n, (n, 3), n, n))
-        own = pieces.first, pieces.stop, pieces.moments, pieces.probes, pieces.heights
-        number = kernel.compiled.propose_candidates(points.u, *own, _KIND_TABLE, *found, variance)
-        return CandidateSides(*(value[:number] for value in found))
+        kind, coefficients = np.empty(n, dtype=np.intp), np.empty((n, 3))
+        roughness, begins, ends = np.empty((3, n))
+        m = kernel.compiled.propose_candidates(
+            *(points.u, pieces.first, pieces.stop, pieces.moments, pieces.probes, pieces.heights),
+            *(_KIND_TABLE, kind, roughness, coefficients, begins, ends, variance),
+        )
+        return CandidateSides(kind[:m], roughness[:m], coefficients[:m], begins[:m], ends[:m])
     counts = pieces.stop - pieces.first
     # Each set of pieces once for each kind, the ones of most points first.
     every = np.concatenate([_grow_seeds(pieces, variance), _best_ranges(pieces, variance)])

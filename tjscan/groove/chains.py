@@ -124,9 +124,9 @@ class ChainSearch:
     ) -> None:
         self.candidates = candidates
         if kernel.compiled is not None:
-            own = candidates.coefficients, candidates.first, candidates.last
+            curves = candidates.coefficients, candidates.first, candidates.last
             self._search = kernel.compiled.begin_search(
-                *(points.u, points.z, candidates.kind, candidates.roughness, *own),
+                *(points.u, points.z, candidates.kind, candidates.roughness, *curves),
                 *(runs.first, runs.count, runs.jumps, tolerance),
             )
             return
@@ -156,8 +156,8 @@ class ChainSearch:
     def cheapest_chains(self, model: GrooveModel, most: int) -> list[SideChain]:
         """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
         if kernel.compiled is not None:
-            found = kernel.compiled.cheapest_chains(self._search, _form_values(model), most)
-            return [SideChain(c, own, np.array(xz).reshape(-1, 2)) for c, own, xz in found]
+            cheapest = kernel.compiled.cheapest_chains(self._search, _form_values(model), most)
+            return [SideChain(c, sides, np.array(xz).reshape(-1, 2)) for c, sides, xz in cheapest]
         layers = [
             np.concatenate([self._kinds[k] for k in kinds]) for kinds in kinds_of_sides(model)
         ]
