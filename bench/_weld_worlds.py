@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from scipy.ndimage import gaussian_filter1d
-
 from tjscan.core.frames import Array
 from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.welding.bead import BeadModel, LaidBeads, column_widths, interpolate_rows
+from tjscan.welding.replan import NextBead
 from tjscan.welding.state import WeldState
 from tjscan.welding.world import TorchTrace, WeldFaults, WeldWorld, correlated_noise
 
@@ -56,7 +55,9 @@ def t_groove(rng: np.random.Generator, tilt: float = 0.2) -> WeldState:
         far = p2[i] + 60e-3 * np.array((-np.sin(wall[i]), np.cos(wall[i])))
         out = p4[i] + 90e-3 * np.array((np.sin(angle[i] / 2), np.cos(angle[i] / 2)))
         w[i] = np.interp(u, *np.array((far, p2[i], p3[i], p4[i], out)).T)
-    return WeldState.of_groove(s, u, w, np.stack((p2[:, 0], g[:, 0]), axis=1), np.full_like(s, tilt))
+    return WeldState.of_groove(
+        s, u, w, np.stack((p2[:, 0], g[:, 0]), axis=1), np.full_like(s, tilt)
+    )
 
 
 def _corners(angle: Array, dihedral: Array, gap: Array, bevel: Array) -> tuple[Array, ...]:
@@ -154,13 +155,20 @@ class Look:
         leg = np.stack((state.u[:, -1] - state.u[:, -9], state.base[:, -1] - state.base[:, -9]), 1)
         leg /= np.linalg.norm(leg, axis=1, keepdims=True)
         noise = self.noise * self.rng.standard_normal(state.w.shape)
-        return state.u + (shift * leg[:, 0])[:, None], state.w + noise + (shift * leg[:, 1])[:, None]
+        return state.u + (shift * leg[:, 0])[:, None], state.w + noise + (shift * leg[:, 1])[
+            :, None
+        ]
 
 
-def trace_of(bead: object) -> TorchTrace:
+def trace_of(bead: NextBead) -> TorchTrace:
     """A torch that does what a bead says."""
     n = len(bead.s)
     return TorchTrace(
-        bead.s, bead.tip, np.tile((0.0, -1.0), (n, 1)), bead.speed, bead.feed, bead.heat_input,
+        bead.s,
+        bead.tip,
+        np.tile((0.0, -1.0), (n, 1)),
+        bead.speed,
+        bead.feed,
+        bead.heat_input,
         bead.weave,
     )

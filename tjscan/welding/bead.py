@@ -7,14 +7,14 @@ many sections are arrays of shape (sections, columns). Metres and radians.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import pi, radians
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, array_dataclass
+from tjscan.core.frames import Array, Mask, array_dataclass
 
 CONTACT_STEPS: Final = 9
 """Rounds in which the toes move until both contact angles are allowed."""
@@ -144,7 +144,7 @@ class _Meniscus:
 
     half: Array
     root: Array
-    hangs: Array
+    hangs: Mask
     drive: Array
 
     def _functions(self, x: Array) -> tuple[Array, Array]:
@@ -259,8 +259,3 @@ def _solid_angles(lengths: Array, u: Array, w: Array, toes: Array) -> Array:
         b = interpolate_rows(toe + SOLID_REACH, lengths, u, w)
         found.append(np.arctan2(b[1] - a[1], b[0] - a[0]))
     return np.array(found)
-
-
-def scale_bead_model(model: BeadModel, width: float) -> BeadModel:
-    """The same model with beads that are wider by a factor."""
-    return replace(model, width_factor=width * model.width_factor)

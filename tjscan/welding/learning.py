@@ -1,12 +1,13 @@
-"""What looks teach about a weld: deposition, the torch's offset, shrinkage; a scalar filter each."""
+"""What looks teach about a weld: deposition, torch offset, shrinkage; a scalar filter each."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, Mask
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,18 +30,22 @@ class ScalarFilter:
         return ScalarFilter(value, float(np.sqrt(1 - gain)) * self.sigma)
 
 
-DEPOSITION_PRIOR = ScalarFilter(1.0, 0.05)
-OFFSET_PRIOR = ScalarFilter(0.0, 0.6e-3)
-SHRINKAGE_PRIOR = ScalarFilter(1.0, 0.3)
-"""What is known before the first look (assumptions)."""
+DEPOSITION_PRIOR: Final = ScalarFilter(1.0, 0.05)
+"""Before the first look (assumption)."""
 
-LEAST_AREA_SIGMA = 0.5e-6
+OFFSET_PRIOR: Final = ScalarFilter(0.0, 0.6e-3)
+"""Before the first look (assumption), metres."""
+
+SHRINKAGE_PRIOR: Final = ScalarFilter(1.0, 0.3)
+"""Before the first look (assumption)."""
+
+LEAST_AREA_SIGMA: Final = 0.5e-6
 """Standard deviation, m², that the mean weld metal of all stations has whatever their number."""
 
-LEAST_CLOSING_SIGMA = 0.03e-3
+LEAST_CLOSING_SIGMA: Final = 0.03e-3
 """The same of the transverse shrinkage, metres."""
 
-BEAD_CENTRE_SIGMA = 0.25e-3
+BEAD_CENTRE_SIGMA: Final = 0.25e-3
 """By how much the bead model misplaces the centres of all of a bead, metres (assumption)."""
 
 
@@ -67,7 +72,7 @@ class WeldLearner:
         """Count the area that wire and speed give, shape (n,), of a bead that was laid."""
         self._set_area = self._set_area + area
 
-    def learn_gain(self, metal: Array, read: Array, sigma: float) -> None:
+    def learn_gain(self, metal: Array, read: Mask, sigma: float) -> None:
         """Learn from the weld metal seen, shape (n,), m², at the stations that were read.
 
         Parameters

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, array_dataclass
+from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.welding.bead import BeadModel, LaidBeads, column_widths, interpolate_rows, lay_beads
 from tjscan.welding.shrinkage import ShrinkageModel, close_groove
+
+Rows = NDArray[np.intp] | Mask | slice
+"""Some of the stations."""
 
 
 @array_dataclass
@@ -58,20 +62,20 @@ class WeldState:
         none = np.zeros(len(s))
         return cls(s, u, w, w, toes, np.broadcast_to(tilt, s.shape), none, none)
 
-    def part(self, rows: Array | slice) -> WeldState:
+    def part(self, rows: Rows) -> WeldState:
         """The same at some of the stations."""
-        return WeldState(*(getattr(self, name)[rows] for name in self.__slots__))
+        return WeldState(*(getattr(self, one.name)[rows] for one in fields(self)))
 
-    def replaced(self, rows: Array, part: WeldState) -> WeldState:
+    def replaced(self, rows: Rows, part: WeldState) -> WeldState:
         """The same with other values at some of the stations."""
-        values = {name: getattr(self, name).copy() for name in self.__slots__}
+        values = {one.name: getattr(self, one.name).copy() for one in fields(self)}
         for name, array in values.items():
             array[rows] = getattr(part, name)
         return WeldState(**values)
 
     @property
     def toe_points(self) -> Array:
-        """u and w of both toes on the groove's faces, shape (n, 2, 2), metres."""
+        """Both toes, u and w, on the groove's faces, shape (n, 2, 2), metres."""
         index = np.broadcast_to(np.arange(self.u.shape[1], dtype=float), self.u.shape)
         ends = [interpolate_rows(toe, index, self.u, self.base) for toe in self.toes.T]
         return np.moveaxis(np.array(ends), 2, 0)
@@ -79,7 +83,7 @@ class WeldState:
     @property
     def metal_area(self) -> Array:
         """Area of weld metal, shape (n,), m²."""
-        return np.einsum("ij,ij->i", column_widths(self.u), self.w - self.base)
+        return np.asarray(np.einsum("ij,ij->i", column_widths(self.u), self.w - self.base))
 
     def with_beads(self, laid: LaidBeads, shrinkage: ShrinkageModel, factor: float) -> WeldState:
         """The state after beads, and after what they shrink.

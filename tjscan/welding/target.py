@@ -58,7 +58,7 @@ class WeldTarget:
 def remaining_area(state: WeldState, target: WeldTarget) -> Array:
     """Area between surface and target, between the toes, shape (n,), m²; what is over it counts."""
     height = np.where(target.between, target.top - state.w, 0.0)
-    return np.einsum("ij,ij->i", column_widths(state.u), height)
+    return np.asarray(np.einsum("ij,ij->i", column_widths(state.u), height))
 
 
 def area_lost_by_closing(
@@ -68,9 +68,8 @@ def area_lost_by_closing(
 
     The metal in it is upset, so all that is lost was open.
     """
-    left = state.toe_points[:, 0, 1]
-    depth = left - np.where(np.diff(state.toes, axis=1) > 0, state.base, np.inf).min(axis=1)
-    return by * (depth * (1 + 0.5 * turn_per_metre * depth) + 2 / 3 * cap_height)
+    depth = state.toe_points[:, 0, 1] - state.base.min(axis=1)
+    return np.asarray(by * (depth * (1 + 0.5 * turn_per_metre * depth) + 2 / 3 * cap_height))
 
 
 def layer_top(state: WeldState, target: WeldTarget, share: float, area: Array) -> Array:

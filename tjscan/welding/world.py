@@ -13,7 +13,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, array_dataclass
 from tjscan.welding.bead import BeadModel, LaidBeads, lay_beads
 from tjscan.welding.shrinkage import ShrinkageModel
-from tjscan.welding.state import WeldState
+from tjscan.welding.state import Rows, WeldState
 
 
 @array_dataclass
@@ -51,7 +51,8 @@ class TorchTrace:
         names = ("tip", "direction", "speed", "feed", "heat_input", "weave")
         found = [
             np.stack(
-                [np.interp(s, self.s[order], row[order]) for row in np.atleast_2d(values.T)], axis=-1
+                [np.interp(s, self.s[order], row[order]) for row in np.atleast_2d(values.T)],
+                axis=-1,
             ).reshape(len(s), *values.shape[1:])
             for values in (getattr(self, name) for name in names)
         ]
@@ -185,7 +186,7 @@ class WeldWorld:
         while turn <= high:
             on = (self.state.s + turn >= low) & (self.state.s + turn <= high)
             if on.any():
-                self._lay(np.flatnonzero(on), trace, turn)
+                self._lay(on, trace, turn)
             if self.period <= 0:
                 break
             turn += self.period
@@ -198,7 +199,7 @@ class WeldWorld:
             self.model, part.u, part.w, centre=centre, width=width, area=area, tilt=part.tilt
         )
 
-    def _lay(self, rows: Array, trace: TorchTrace, turn: float) -> None:
+    def _lay(self, rows: Rows, trace: TorchTrace, turn: float) -> None:
         """Lay the bead at some stations, which the torch passed after a way of `turn`."""
         part, faults = self.state.part(rows), self.faults
         s = part.s + turn
