@@ -579,7 +579,7 @@ class OtherCablePlant:
             for who, places_of, size in (
                 (
                     [one for one, f in zip(links, may_meet_wall, strict=True) if f],
-                    places[free],
+                    places[may_meet_wall],
                     cable.radius,
                 ),
                 (vehicles[:-1], bodies[:-1], radius),
