@@ -25,7 +25,6 @@ from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.run import make_tow
 from tjscan.runs.tow.study import InMemoryTowJournal
 from tjscan.towing.loop import PLAN_PERIOD
-from tjscan.towing.shape.plan import TowingPlan
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
 from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
@@ -127,16 +126,13 @@ def tow_disturbed(
     job: TowJob,
     disturb: Callable[[TowingWorld, SimulatedLocalisation], None],
     truth: CableTruth | None = None,
-    begin: Callable[[TowJob], TowingPlan] | None = None,
 ) -> DisturbedTow:
     """Tow in a world that is disturbed, on the plant of another make."""
     planner = make_shape_planner(job)
-    if begin is None:
-        sweep = check_seam(job, planner)
-        sweep.refuse_if_blocked()
-    start = sweep.start if begin is None else begin(job)
+    sweep = check_seam(job, planner)
+    sweep.refuse_if_blocked()
     with other_cable(truth):
-        cell = make_tow_cell(job, start.angles)
+        cell = make_tow_cell(job, sweep.start.angles)
     world, seen = cell.world, cell.localisation
     assert world is not None
     assert isinstance(seen, SimulatedLocalisation)
@@ -146,7 +142,7 @@ def tow_disturbed(
     journal, ended = EventJournal(cell.truth), ""
     try:
         with cell:
-            make_tow(job, cell, planner, journal).run(0.0, start)
+            make_tow(job, cell, planner, journal).run(0.0, sweep.start)
     except (TowHalted, VehicleFault) as error:
         ended = str(error)
     return DisturbedTow(job, journal, ended)
