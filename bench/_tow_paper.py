@@ -13,7 +13,7 @@ from _tows import EXAMPLES, seam_piece
 from tjscan.core.frames import Array
 from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.tow.results import clearance_from_discs
-from tjscan.towing.shape.identification import identify_cable
+from tjscan.towing.identification import identify_cable
 from tjscan.towing.shape.plan import PoseAccuracy
 
 TABLE_III: Final = {
@@ -72,7 +72,7 @@ def estimate_rows(seed: int) -> list[Row]:
     name = "V-A, cable unlike the job's: estimate of a joint"
     return [
         Row(f"{name}, mean (the paper: within 6)", float(errors.mean()), 1.2, "°"),
-        Row(f"{name}, mean of the lower 99 %", float(errors[errors <= split].mean()), 6, "°"),
+        Row(f"{name}, mean of the lower 99 %", float(np.mean(errors[errors <= split])), 6, "°"),
         Row(f"{name}, mean of the upper 1 %", float(errors[errors > split].mean()), np.inf, "°"),
         Row("V-A: R² of the links' places", float(1 - left), np.inf, at_least=0.997),
     ]
@@ -90,7 +90,7 @@ def table_three_rows(tows: list[DisturbedTow]) -> list[Row]:
     return [
         Row(
             f"{name}: complete",
-            100 * np.mean([not tow.ended for tow in tows]),
+            100 * float(np.mean([not tow.ended for tow in tows])),
             np.inf,
             "%",
             at_least=100,

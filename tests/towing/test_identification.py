@@ -7,9 +7,9 @@ import pytest
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.towing.identification import identify_cable
 from tjscan.towing.shape.cable import Cable
 from tjscan.towing.shape.estimate import CableEstimate, cable_forces, estimate_shape
-from tjscan.towing.shape.identification import identify_cable
 from tjscan.towing.shape.plan import PoseAccuracy
 
 STATED = Cable(links=20)

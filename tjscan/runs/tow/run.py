@@ -278,7 +278,7 @@ def identify_cable_of_run(directory: Path, file: Path) -> dict[str, float]:
     RecordingError
         If the recording is damaged, or the file can't be written.
     """
-    from tjscan.towing.shape.identification import identify_cable
+    from tjscan.towing.identification import identify_cable
 
     job, cycles = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory).cycles
     known, unknown = job.localisation, np.full((job.vehicles.count, 3), np.nan)

@@ -115,7 +115,7 @@ def identify_cable(
     found = least_squares(
         errors,
         np.ones(2),
-        diff_step=DERIVATIVE_STEP,
+        diff_step=(DERIVATIVE_STEP, DERIVATIVE_STEP),
         loss="soft_l1",
         f_scale=FORCE_SCALE,
         xtol=1e-3,
