@@ -239,7 +239,7 @@ def _shares_of_pull(away: Array) -> Array:
     A raised cosine ends at its reach; a hyperbolic secant decays.
     """
     ends = 0.5 + 0.5 * np.cos(np.pi * np.minimum(away / TRIED_PULL_REACHES[:, None], 1))
-    decays = 1 / np.cosh(np.minimum(away / TRIED_PULL_DECAYS[:, None], 50.0))
+    decays = 1 / np.cosh(np.clip(away / TRIED_PULL_DECAYS[:, None], -50.0, 50.0))
     return np.concatenate((ends, decays), axis=-2)
 
 
