@@ -74,7 +74,7 @@ FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
 
 MOST_HIDDEN_SHARE: Final = 0.5
-"""Share of a bevel beside a weld that one hole may hide."""
+"""Share of a weld, or of a bevel beside it, that one hole may hide."""
 
 HOLLOW_SIGMA_SHARE: Final = 0.1
 """Standard deviation of the area between a face and its chord, as a share of it: no bead is a
@@ -201,14 +201,18 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
         corners.append(np.array(curve.point_on_curve(s)))
         places.append(s)
         ends.append(end)
-    bevel = np.sort([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
-    if np.diff(bevel).max() > MOST_HIDDEN_SHARE * (bevel[-1] - bevel[0]):
-        raise GrooveNotFound(
-            "ambiguous",
-            "over the weld too little is seen of the bevel. Look at the groove more squarely.",
-            fit.row.points,
-        )
     surface = weld_surface(fit, *ends)
+    seen = np.vstack((corners[1], surface, corners[2])) @ (corners[2] - corners[1])
+    for name, along in (
+        ("bevel", np.array([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])),
+        ("weld", seen),
+    ):
+        if np.diff(np.sort(along)).max() > MOST_HIDDEN_SHARE * np.ptp(along):
+            raise GrooveNotFound(
+                "ambiguous",
+                f"too little is seen of the {name}. Look at the groove more squarely.",
+                fit.row.points,
+            )
     # Over a hole the surface may rise or sag.
     holes = np.linalg.norm(np.diff(np.vstack((corners[1], surface, corners[2])), axis=0), axis=1)
     section = _section_with_corners(
