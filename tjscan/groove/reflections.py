@@ -292,8 +292,7 @@ def share_in_long_stretches(
     """
     first, stop, hangs = _far_stretches(row, residuals)
     length = stop - first
-    # Shorter ones show less, and those half as long nothing.
-    counted = np.clip(2 * length / least - 1, 0, 1)
+    counted = length >= least
     share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
     return min(share / len(residuals), MOST_REFLECTION_PROBABILITY)
 

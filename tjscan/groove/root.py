@@ -229,7 +229,8 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
 def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
 
-    One that goes over neither into the bevel nor into the leg may be a reflection. One that
+    One that goes over neither into the bevel nor into the leg may be a reflection, as probably as
+    runs at least half as long are. One that
     goes over into one of them may be spatter there, or its far end may be a reflection: as
     probably as points are far off the surface in runs that are as long. Then the corners are
     anywhere between the last points of bevel and leg and where these, drawn on, meet.
@@ -238,7 +239,7 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     meets = sides_that_meet(fitted)[-2:].tolist()
     if all(meets):
         return found
-    points = int(fitted.counts[-2])
+    points = int(fitted.counts[-2]) // (1 if any(meets) else 2)
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     gaps = gaps_beside_corners(fitted)[-2:]
