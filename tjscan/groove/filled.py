@@ -32,7 +32,7 @@ from tjscan.laser.profile import Profile
 FACE_MARGIN, FACE_REACH = 0.5e-3, 70e-3
 """Points nearer to a corner, or farther from it, in metres, do not show its face."""
 
-FEWEST_FACE_POINTS: Final = 12
+FEWEST_SEEN_ON_FACE: Final = 12
 
 OFFSET_STEP, FIRST_REACH = 0.1e-3, 0.4e-3
 """Steps in which the offset of a face is looked for, and how far from it its points lie at first,
@@ -246,7 +246,7 @@ def _fit_face(
     for _ in range(FACE_FIT_ROUNDS):
         off = d - found @ basis
         near = off[np.abs(off) < cut]
-        if len(near) < FEWEST_FACE_POINTS:
+        if len(near) < FEWEST_SEEN_ON_FACE:
             return None
         sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(near))), LEAST_NOISE)
         together = float(np.mean(near[1:] * near[:-1]) / np.mean(near * near))
