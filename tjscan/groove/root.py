@@ -230,10 +230,10 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
 
     One that goes over neither into the bevel nor into the leg may be a reflection, as probably as
-    runs at least half as long are. One that
-    goes over into one of them may be spatter there, or its far end may be a reflection: as
-    probably as points are far off the surface in runs that are as long. Then the corners are
-    anywhere between the last points of bevel and leg and where these, drawn on, meet.
+    points are far off the surface in runs of at least half its length. One that goes over into
+    one of them may be spatter there, or its far end may be a reflection, as probably as points
+    are in runs that are as long. Then the corners are anywhere between the last points of bevel
+    and leg and where these, drawn on, meet.
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
