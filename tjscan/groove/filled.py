@@ -161,8 +161,8 @@ class _Face(NamedTuple):
 
     def end_on(self, points: Array) -> int:
         """Index after the last of the points that show it, of a row that begins on it."""
-        near = OUTLIER_SIGMAS * self.sigma
-        return end_of_support(np.abs(self.curve.signed_distances(points)) < near)
+        off = np.abs(self.curve.signed_distances(points))
+        return end_of_support(off < OUTLIER_SIGMAS * self.sigma)
 
 
 def read_filled_groove(
@@ -200,10 +200,10 @@ def read_filled_groove(
     down = np.array(((cos, -sin), (sin, cos))) @ (p3 - p2)
     length = float(np.linalg.norm(down))
     bare = _parabola(top, down / length)
-    behind = (c.signed_distances(row.points) for c in (wall.curve, bare, leg.curve))
-    behind_wall, behind_bevel, behind_leg = behind
-    depth = np.maximum(np.minimum(behind_wall, behind_bevel), behind_leg)
-    deeper = depth > DEEPER_THAN_STEEL
+    before, within, under = (
+        curve.signed_distances(row.points) for curve in (wall.curve, bare, leg.curve)
+    )
+    deeper = np.maximum(np.minimum(before, within), under) > DEEPER_THAN_STEEL
     if deeper.mean() > MOST_DEEPER_SHARE:
         raise GrooveNotFound(
             "ambiguous",
@@ -249,8 +249,7 @@ def _fit_face(
         if len(near) < FEWEST_SEEN_ON_FACE:
             return None
         sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(near))), LEAST_NOISE)
-        together = float(np.mean(near[1:] * near[:-1]) / np.mean(near * near))
-        together = min(max(together, 0.0), STRONGEST_CORRELATION)
+        together = float(np.clip(near[1:] @ near[:-1] / (near @ near), 0, STRONGEST_CORRELATION))
         inflation = (1 + together) / (1 - together)
         share = np.maximum(1 - (off / cut) ** 2, 0) ** 2
         weighted = basis * share / (sigma**2 * inflation)
@@ -311,8 +310,7 @@ def _filled_groove(
     stop = len(points) - leg.end_on(points[max(at_leg, begin) :][::-1])
     toe, s_toe = _last_place(flank, points[max(begin - 1, 0)])
     foot, s_foot = _last_place(leg, points[min(stop, len(points) - 1)])
-    normal = _normal(flank, s_toe)
-    covariance[2:4, 2:4] = flank.covariance_at(s_toe)[0, 0] * np.outer(normal, normal)
+    _add_face(covariance, (2, 3, 7), flank.covariance_at(s_toe), _normal(flank, s_toe), 0.0)
     leg_along, leg_turn = _tangent_and_turn(leg, s_foot)
     _add_face(covariance, (4, 5, 7), leg.covariance_at(s_foot), _normal(leg, s_foot), leg_turn)
     corners = np.zeros((5, 3))
@@ -372,8 +370,8 @@ def _last_place(face: _Face, point: Array) -> tuple[Array, float]:
 
 def _sigmas_along_rays(row: Profile, wall: _Face, leg: _Face) -> Array:
     """Standard deviation of each point along its ray, metres: a rough surface is less certain."""
-    sines = (f.curve.sine_with_ray(w * FACE_MARGIN) for f, w in ((wall, -1), (leg, 1)))
-    usual = min(f.sigma / sine for f, sine in zip((wall, leg), sines, strict=True))
+    ends = (wall, -FACE_MARGIN), (leg, FACE_MARGIN)
+    usual = min(face.sigma / face.curve.sine_with_ray(s) for face, s in ends)
     bent = np.abs(np.convolve(row.z_s, (-0.5, 1.0, -0.5), "same"))
     bent[[0, -1]] = np.median(bent)
     rough = np.sqrt(np.convolve(bent**2, np.full(ROUGHNESS_POINTS, 1 / ROUGHNESS_POINTS), "same"))

@@ -203,10 +203,8 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
         ends.append(end)
     surface = weld_surface(fit, *ends)
     seen = np.vstack((corners[1], surface, corners[2])) @ (corners[2] - corners[1])
-    for name, along in (
-        ("bevel", np.array([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])),
-        ("weld", seen),
-    ):
+    own = np.array([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
+    for name, along in (("bevel", own), ("weld", seen)):
         if np.diff(np.sort(along)).max() > MOST_HIDDEN_SHARE * np.ptp(along):
             raise GrooveNotFound(
                 "ambiguous",
