@@ -13,6 +13,7 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
     LEAST_REFLECTION_DISTANCE,
+    MEETING_REACH,
     SHARE_ENDING_AT_SURFACE,
     reflection_probability,
     share_in_long_stretches,
@@ -227,20 +228,22 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
 def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
 
-    One that goes over neither into the bevel nor into the leg may be a reflection, as probably as
-    points are far off the surface in runs of at least half its length. One that goes over into
-    one of them may be spatter there, or its far end may be a reflection, as probably as points
-    are in runs that are as long. Then the corners are anywhere between the last points of bevel
-    and leg and where these, drawn on, meet.
+    One that goes over neither into the bevel nor into the leg may be a reflection. One that
+    goes over into one of them may be spatter there, or its far end may be a reflection: as
+    probably as points are far off the surface in runs that are as long, or half as long where it
+    is far from both. Then the corners are anywhere between the last points of bevel and leg and
+    where these, drawn on, meet.
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
     if all(meets):
         return found
-    points = int(fitted.counts[-2]) // (1 if any(meets) else 2)
+    points = int(fitted.counts[-2])
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     gaps = gaps_beside_corners(fitted)[-2:]
+    if gaps.max(axis=1).min() > MEETING_REACH:
+        points //= 2
     for k, curve in ((0, bevel), (2, leg)):
         jumping = SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0
         probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=jumping)
