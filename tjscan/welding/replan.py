@@ -178,8 +178,10 @@ class WeldPlanner:
     _closing_variance: Array = field(init=False)
     _aims: dict[int, Array] = field(default_factory=dict)
     _laid: tuple[WeldState, NextBead] | None = None
+    _seen: WeldState = field(init=False)
 
     def __post_init__(self) -> None:
+        self._seen = self.belief
         self._closing_variance = np.zeros_like(self.belief.s)
         self.fill_sigma = np.zeros_like(self.belief.s)
         self.total = self.missing_area() + self.belief.metal_area
@@ -341,7 +343,7 @@ class WeldPlanner:
             If it is of another weld, older than the last bead, or nothing was read.
         """
         predicted = self.belief
-        check_look(predicted, None if self._laid is None else self._laid[0], u, w, read)
+        check_look(predicted, self._seen, u, w, read)
         found = see_closing(predicted, u, w, read)
         gain = self._closing_variance / (self._closing_variance + found.variance)
         shift = gain * found.shift
@@ -355,7 +357,7 @@ class WeldPlanner:
         seen = replace(predicted, u=at, base=base, w=surface, closed=predicted.closed + shift)
         if self.done == 1:
             seen = replace(seen, first_area=np.where(read, seen.metal_area, seen.first_area))
-        self.belief = seen
+        self.belief = self._seen = seen
         self.fill_sigma = np.where(read, sigma, self.fill_sigma)
         if self.done:
             metal = seen.metal_area
