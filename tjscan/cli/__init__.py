@@ -65,6 +65,7 @@ EXIT_CODES: dict[type[errors.TjscanError], int] = {
     errors.ArmFault: 4,
     errors.LaserFault: 4,
     errors.VehicleFault: 4,
+    errors.PowerFault: 4,
     errors.ScanInterrupted: 130,
 }
 """Exit code of each branch of the error tree; 1 for the rest."""

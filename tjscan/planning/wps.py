@@ -17,14 +17,21 @@ from pydantic import AfterValidator, model_validator
 
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.frames import Array
-from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, PoseSettings
+from tjscan.core.units import (
+    DEG,
+    LIST_OR_WORD_IN_FILE,
+    LITRE_PER_MINUTE,
+    MM,
+    MM2,
+    FileUnit,
+    PoseSettings,
+)
+from tjscan.core.units import M_PER_MIN as M_PER_MIN
 from tjscan.core.units import SettingsTable as Table
 from tjscan.robot.settings import SolidSettings
 
 MM_PER_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
-M_PER_MIN: Final = FileUnit("m_min", 1 / 60)
 KJ_PER_MM: Final = FileUnit("kJ_mm", 1e6)
-LITRE_PER_MINUTE: Final = FileUnit("l_min", 1e-3 / 60)
 KG_PER_CUBIC_METRE: Final = FileUnit("kg_m3")
 CELSIUS_UNIT: Final = FileUnit("C")
 
