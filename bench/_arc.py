@@ -22,7 +22,7 @@ from tjscan.power.source import PowerSetting
 from tjscan_loopback.process import PowerLoopbackProcess
 
 HOST: Final = "127.0.0.9"
-CYCLE: Final = 0.01
+CYCLE_TIME: Final = 0.01
 SPEED: Final = 5e-3
 LIMITS: Final = ArcLimits(preflow=0.05, postflow=0.05, crater=0.05)
 
@@ -68,7 +68,7 @@ class RealTimeArc:
 
     def cycle(self, *, at_end: bool = False) -> None:
         """Wait for the next cycle, and go on."""
-        self._due = max(self._due + CYCLE, time.monotonic())
+        self._due = max(self._due + CYCLE_TIME, time.monotonic())
         time.sleep(self._due - min(self._due, time.monotonic()))
         try:
             self.arc.advance(self.speed, SPEED, at_end=at_end)

@@ -5,7 +5,7 @@ from typing import Final
 
 import pytest
 
-from tjscan.core.errors import PowerLinkLost, WeldStopped
+from tjscan.core.errors import PowerFault, PowerLinkLost, WeldStopped
 from tjscan.core.sourced import NumberSource
 from tjscan.power.sequence import ArcFault, ArcLimits, ArcPhase, ArcSequence
 from tjscan.power.simulated import (
@@ -255,6 +255,6 @@ def test_what_no_device_gave_is_absent() -> None:
 
 def test_arc_that_no_one_strikes_is_none() -> None:
     with ManualPowerSource(lambda what: False) as source:
-        with pytest.raises(WeldStopped, match="not struck by hand"):
+        with pytest.raises(PowerFault, match="not struck by hand"):
             source.strike()
         assert not source.state().flow

@@ -236,8 +236,8 @@ class PowerLinkLost(PowerFault):
     """The power source does not answer, or repeats the same answer."""
 
 
-class WeldStopped(PowerFault):
-    """A weld was stopped, and its arc with it.
+class WeldStopped(TjscanError):
+    """A weld was stopped, with its arc out.
 
     Parameters
     ----------

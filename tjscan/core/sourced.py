@@ -1,4 +1,4 @@
-"""Numbers that state where they come from; one that nobody gave is absent, and never zero."""
+"""Numbers that state where they come from; one that no one gave is absent, and never zero."""
 
 from __future__ import annotations
 
@@ -48,5 +48,5 @@ class SourcedNumber:
         return self if self.value is None else SourcedNumber(self.value / factor, self.source)
 
 
-ABSENT: Final = SourcedNumber(None, NumberSource.ABSENT)
-"""A number that nobody gave."""
+ABSENT_NUMBER: Final = SourcedNumber(None, NumberSource.ABSENT)
+"""A number that no one gave."""

@@ -188,7 +188,7 @@ class ArcSequence:
         self._enter(ArcPhase.GAS, f"wire feed set to {60 * setting.feed:.2f} m/min")
 
     def set(self, setting: PowerSetting) -> None:
-        """Set the source anew while the arc burns, for the segment that the torch has reached."""
+        """Set the source again while the arc burns, for the segment that the torch has reached."""
         if setting != self._setting:
             self._setting = setting
             self._source.set(setting)

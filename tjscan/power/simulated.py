@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt
 
 from tjscan.core.sourced import NumberSource, SourcedNumber
 from tjscan.core.units import (
-    AMPERE,
+    AMPERE_UNIT,
     LITRE_PER_MINUTE,
     MM,
     PERCENT_UNIT,
@@ -66,7 +66,7 @@ class PowerSimulationSettings(SettingsTable):
     stick_out: Annotated[float, Gt(0), MM] = 0.015
     ignition: Annotated[float, Ge(0), SECONDS] = 0.16
     stabilisation: Annotated[float, Ge(0), SECONDS] = 0.05
-    current_noise: Annotated[float, Ge(0), AMPERE] = 2.0
+    current_noise: Annotated[float, Ge(0), AMPERE_UNIT] = 2.0
     feed_error: Annotated[float, Ge(-50), PERCENT_UNIT] = 0.0
     gas_flow: Annotated[float, Ge(0), LITRE_PER_MINUTE] = 18.0 * 1e-3 / 60
 

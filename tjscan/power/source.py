@@ -8,8 +8,8 @@ from time import monotonic
 from typing import Protocol
 
 from tjscan.core.devices import Device, LocalDevice
-from tjscan.core.errors import PowerLinkLost, WeldStopped
-from tjscan.core.sourced import ABSENT, NumberSource, SourcedNumber
+from tjscan.core.errors import PowerFault, PowerLinkLost
+from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +61,11 @@ class PowerSample:
     ready: bool = True
     stable: bool = False
     wire_stuck: bool | None = None
-    current: SourcedNumber = ABSENT
-    voltage: SourcedNumber = ABSENT
-    feed: SourcedNumber = ABSENT
-    gas: SourcedNumber = ABSENT
-    energy: SourcedNumber = ABSENT
+    current: SourcedNumber = ABSENT_NUMBER
+    voltage: SourcedNumber = ABSENT_NUMBER
+    feed: SourcedNumber = ABSENT_NUMBER
+    gas: SourcedNumber = ABSENT_NUMBER
+    energy: SourcedNumber = ABSENT_NUMBER
     error: str = ""
 
 
@@ -172,12 +172,12 @@ class ManualPowerSource(LocalPowerSource):
 
         Raises
         ------
-        WeldStopped
+        PowerFault
             If the person does not strike it.
         """
         self.check_connected()
         if not self._ask("strike the arc"):
-            raise WeldStopped("not struck", "the arc was not struck by hand")
+            raise PowerFault("the arc was not struck by hand")
         self._burning = True
 
     def quench(self) -> None:

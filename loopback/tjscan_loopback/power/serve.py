@@ -29,7 +29,7 @@ from tjscan.power.source import PowerSetting
 from tjscan_loopback.power.registers import Orders, read_orders, write_states
 from tjscan_loopback.process import check_is_loopback_address, print_line
 
-TICK: Final = 1e-3
+TICK_TIME: Final = 1e-3
 """Seconds between two looks at orders, watchdog and current."""
 
 
@@ -95,7 +95,7 @@ class LoopbackPowerSource:
             if flows != self._flowed:
                 self._flowed = flows
                 print_line(f"current {'on' if flows else 'off'} {now:.6f}")
-            await asyncio.sleep(TICK)
+            await asyncio.sleep(TICK_TIME)
 
     async def _act(
         self,
@@ -171,7 +171,7 @@ async def _serve(source: LoopbackPowerSource, host: str, port: int, *, attached:
     Thread(target=_listen, args=(lines,), daemon=True).start()
     print_line(f"ready {host}:{port}")
     while True:
-        await asyncio.sleep(TICK)
+        await asyncio.sleep(TICK_TIME)
         if ticking.done():
             ticking.result()
         while not lines.empty():

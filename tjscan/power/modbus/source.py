@@ -14,7 +14,7 @@ from pymodbus.pdu import ModbusPDU
 
 from tjscan.core.devices import DeviceBase, DeviceIdentity
 from tjscan.core.errors import PowerFault, PowerLinkLost
-from tjscan.core.sourced import ABSENT, NumberSource, SourcedNumber
+from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
 from tjscan.power.modbus.registers import ModbusPowerSettings
 from tjscan.power.source import PowerSample, PowerSetting
 
@@ -119,10 +119,9 @@ class ModbusPowerSource(DeviceBase):
             bits, words = self._settings.decode_states(self._exchange())
             now = monotonic()
             self._watch_for_standstill(now, words, burning=bits["flow"])
-        measured = {
-            name: SourcedNumber(words[name], NumberSource.MEASURED) if name in words else ABSENT
-            for name in MEASURED_WORDS
-        }
+        measured = dict.fromkeys(MEASURED_WORDS, ABSENT_NUMBER)
+        for name in measured.keys() & words.keys():
+            measured[name] = SourcedNumber(words[name], NumberSource.MEASURED)
         error = words.get("error", 0.0)
         return PowerSample(
             time=now,
