@@ -25,6 +25,9 @@ Index = NDArray[np.intp]
 OUTLIER_SIGMAS: Final = 3.3
 """Residuals beyond this many standard deviations are outliers."""
 
+LONGEST_LAG: Final = 24
+"""Lag in columns beyond which noise is taken as independent."""
+
 LEAST_NOISE: Final = 4e-6
 """Least standard deviation that a threshold rests on, in metres: shape, not noise."""
 
