@@ -91,7 +91,7 @@ def test_arrays_that_do_not_match_are_refused() -> None:
     x, columns = np.linspace(-1, 1, 100), np.arange(100)
     sides, model = np.zeros((3, 8)), np.zeros((3, 6))
     arrays = [x, x + 2, columns, sides, np.zeros((2, 2)), model, np.zeros((0, 2, 2))]
-    arrays += [np.empty(192), np.empty((2, 100)), np.empty(100, dtype=bool)]
+    arrays += [np.zeros(192), np.zeros((2, 100)), np.zeros(100, dtype=bool)]
     assert kernel.compiled.refine_fit(*arrays, 100, 1e-3, True) is None
     for k, array in enumerate(arrays):
         other = [*arrays]
@@ -99,7 +99,7 @@ def test_arrays_that_do_not_match_are_refused() -> None:
             other[k] = np.resize(array, (len(array) + 1, *array.shape[1:]))
             with pytest.raises(ValueError, match="do not match"):
                 kernel.compiled.refine_fit(*other, 100, 1e-3, True)
-        other[k] = array.astype(np.float32)
+        other[k] = array.astype(np.float16)
         with pytest.raises(TypeError, match="not of kind"):
             kernel.compiled.refine_fit(*other, 100, 1e-3, True)
     with pytest.raises(ValueError, match="do not match"):

@@ -33,7 +33,7 @@ from tjscan.runs.weld.run import LookSchedule, WeldContext, resume_weld, run_wel
 
 ROOT: Final = Path(__file__).parents[2]
 JOB: Final = ROOT / "examples" / "weld.toml"
-SHORT: Final = {"scan.length_mm": 60.0, "weld.station_step_mm": 4.0}
+SHORT: Final = {"scan.length_mm": 80.0, "weld.station_step_mm": 4.0}
 
 
 def numbers_without_source(entry: Any) -> Iterable[str]:
@@ -89,7 +89,7 @@ def test_points_are_placed_along_a_bent_groove() -> None:
     stations, u = bent_stations(), np.linspace(-0.02, 0.02, 41)
     s, places = place_in_sections(stations, bent_points(stations, 0.0513, u))
     assert s == pytest.approx(0.0513, abs=2e-5)
-    assert places[:, 0] == pytest.approx(u, abs=1e-6)
+    assert places[:, 0] == pytest.approx(u, abs=2e-6)  # sagitta of two millimetres
     assert places[:, 1] == pytest.approx(surface_height(u), abs=1e-9)
     before, _ = place_in_sections(stations, bent_points(stations, -0.01, u))
     assert np.isnan(before).all()
@@ -157,10 +157,10 @@ def test_stopped_weld_goes_on_with_an_overlap_and_welds_nothing_twice(welded: Pa
     found = read_recorded_weld(welded)
     stopped = [one for one in found.arcs if one.fault]
     assert len(stopped) == 1
-    length = found.beads[0].s[-1]
-    assert 0.0 < stopped[0].end < length
-    for number in found.beads:
+    assert 0.0 < stopped[0].end < found.beads[0].s[-1]
+    for number, bead in found.beads.items():
         arcs = [one for one in found.arcs if one.number == number]
+        length = float(np.ptp(bead.s[bead.weldable > 0]))
         welded_length = sum(one.end - one.begin for one in arcs)
         assert welded_length == pytest.approx(length + 0.01 * (len(arcs) - 1), abs=1e-9)
     assert len(found.beads) > 8
@@ -170,7 +170,7 @@ def test_looks_find_what_goes_otherwise_than_set(welded: Path) -> None:
     looks = [one for one in read_recorded_weld(welded).looks if isinstance(one, LookMessage)]
     assert looks[0].beads == 0
     assert looks[-1].beads == len(read_recorded_weld(welded).beads)
-    assert looks[-1].gain == pytest.approx(1.03, abs=0.02)
+    assert looks[-1].offset == pytest.approx(0.5e-3, abs=0.3e-3)
     assert looks[-1].shrinkage == pytest.approx(1.2, abs=0.12)
 
 
@@ -204,9 +204,7 @@ def test_no_arc_burns_without_being_asked_for(tmp_path: Path) -> None:
 
 def test_what_can_not_be_welded_is_refused_before_anything_moves(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="simulated arm alone"):
-        read_weld_job(
-            JOB, {"arm.driver": "ur", "arm.ur.host": "127.0.0.2", "laser.driver": "replay"}
-        )
+        read_weld_job(JOB, {"arm.driver": "ur", "arm.ur.host": "127.0.0.2"})
     with pytest.raises(ConfigurationError, match="direction"):
         read_weld_job(JOB, {"weld.gravity": [0.0, 0.0, 0.0]})
     assert tjscan("weld", JOB, "--out", tmp_path / "a", "--weld.wps", "gone.toml") == 2

@@ -17,7 +17,7 @@ EXAMPLE_WPS = Path(__file__).parents[2] / "examples" / "wps.toml"
 
 def v_groove(stations: int = 41, step: float = 2e-3, tilt: float = 0.1) -> WeldState:
     """A groove of 60°, 12 mm deep over a gap of 3 mm; its area grows by a fifth along it."""
-    s = step * np.arange(stations)
+    s = np.linspace(0.0, step * (stations - 1), stations)
     u = np.arange(-22e-3, 22e-3, 0.4e-3)
     depth = 12e-3 * (1 + 0.1 * s / s[-1])
     slope = float(np.tan(np.pi / 3))

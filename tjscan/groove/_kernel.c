@@ -44,6 +44,42 @@
 #define _GUESSED_VARIANCE_INFLATION 4.0
 #define FACE_BLUNTNESS 0.2
 #define LEAST_COLUMNS_OF_HOLE 6
+#define JUMP_DISTANCE 0.5e-3
+#define JUMP_STEEPNESS 1.5
+#define RUN_COST 3.0
+#define POINT_COST 0.35
+#define POINTS_PER_BLOCK 3
+#define MOST_BLOCKS 220
+#define LONGEST_PIECE_BLOCKS 48
+#define FEWEST_RUN_POINTS 3
+#define LEAST_BEARING_SPREAD 1e-6
+#define PIECE_COST 7.0
+#define NOISE_INFLATION 2.0
+#define LEAST_UNEVENNESS 0.01e-3
+#define QUIET_QUANTILE 0.25
+#define LEAST_DIFFERENCE 1e-8
+#define QUIET_QUANTILE_OF_NORMAL 0.3186
+#define MOST_CANDIDATES 48
+#define MOST_RANGE_PIECES 48
+#define MOST_GROWTH_ROUNDS 8
+#define CONTINUING_SIGMAS 2.8
+#define SURE_PREDICTION 0.12e-3
+#define LIKELY_PREDICTION 0.5e-3
+#define ROUGH_REACH_SIGMAS 2.0
+#define LEAST_PIVOT 1e-18
+#define BEAD_KIND 2
+#define WELD_KIND 3
+#define WELD_ROUGHNESS 0.5e-3
+#define LEAST_FACE_TURN 0.2617993877991494
+#define FEWEST_INNER_POINTS 2.8
+#define FEWEST_OUTER_POINTS 8
+#define LEAST_SUPPORT_SHARE 0.12
+#define LEAST_DISTANCE_OF_RIVALS 1e-3
+#define MOST_CHAINS_COMPARED 150
+#define RIVAL_COST_MARGIN 12.0
+#define CORNER_DISTANCE_BEYOND_POINTS 30e-3
+#define SIDE_LENGTH_SLACK 0.8
+#define WIDER_TOLERANCE_COST 0.3
 
 /* Not constants of Python: sizes. */
 enum { MOST_SIDES = 8, SIDE_VALUES = 8, MODEL_VALUES = 6 };
@@ -693,7 +729,898 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
     return result;
 }
 
+/* ---- runs, noise and pieces: groove/reflections.py, groove/pieces.py ---- */
+
+/* find_runs: first points, with n after them, and jumps of the runs; how many there are. */
+static Py_ssize_t divide_in_runs(
+    const double *x, const double *z, const int64_t *columns, Py_ssize_t n, int64_t *first,
+    uint8_t *jumps, double *rate)
+{
+    Py_ssize_t count = 1;
+    first[0] = 0;
+    jumps[0] = 0;
+    for (Py_ssize_t i = 0; i + 1 < n; i++) {
+        const double dx = x[i + 1] - x[i], dz = z[i + 1] - z[i];
+        rate[i] = sqrt(dx * dx + dz * dz) / (double)llabs(columns[i + 1] - columns[i]);
+    }
+    for (Py_ssize_t i = 0; i + 1 < n; i++) {
+        const double apart = (double)llabs(columns[i + 1] - columns[i]);
+        const double usual = smaller(rate[i ? i - 1 : 0], rate[i + 2 < n ? i + 1 : i]);
+        const int hole = apart > LEAST_COLUMNS_OF_HOLE;
+        const int jump = !hole && rate[i] * apart > JUMP_DISTANCE + JUMP_STEEPNESS * usual * apart;
+        if (!hole && !jump) continue;
+        first[count] = i + 1;
+        jumps[count - 1] |= (uint8_t)jump;
+        jumps[count++] = (uint8_t)jump;
+    }
+    first[count] = n;
+    return count;
+}
+
+static PyObject *find_runs(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char kinds[] = "ddiIBD";
+    Py_buffer v[6];
+    (void)self;
+    if (given != 6) return PyErr_Format(PyExc_TypeError, "find_runs takes 6 arguments");
+    if (open_arrays(kinds, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]);
+    int sound = n > 0;
+    for (int i = 1; i < 6; i++) sound = sound && count_of(&v[i]) == n + (i == 3);
+    const Py_ssize_t count =
+        sound ? divide_in_runs(v[0].buf, v[1].buf, v[2].buf, n, v[3].buf, v[4].buf, v[5].buf) : 0;
+    close_arrays(kinds, v);
+    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of runs do not match");
+    return PyLong_FromSsize_t(count);
+}
+
+/* project_points: bearings and inverse depths, and the noise. */
+static double project(
+    const double *x, const double *z, Py_ssize_t n, double largest, double *u, double *y, double *work)
+{
+    double noise = LEAST_NOISE;
+    for (Py_ssize_t i = 0; i < n; i++) {
+        u[i] = -x[i] / z[i];
+        y[i] = 1 / z[i];
+    }
+    for (int lag = 1; lag <= 4; lag += 3) {
+        Py_ssize_t m = 0;
+        for (Py_ssize_t i = lag; i + lag < n; i++) {
+            const double share = (u[i] - u[i - lag]) / larger(u[i + lag] - u[i - lag], 1e-9);
+            const double off = fabs(y[i] - (1 - share) * y[i - lag] - share * y[i + lag]) * (z[i] * z[i]);
+            const double size = off / sqrt(1 + share * share + (1 - share) * (1 - share));
+            if (size > LEAST_DIFFERENCE) work[m++] = size;
+        }
+        if (!m) continue;
+        const double rank = QUIET_QUANTILE * (double)(m - 1);
+        const Py_ssize_t k = (Py_ssize_t)rank;
+        double quiet = select_rank(work, m, k);
+        if (k + 1 < m) {
+            double next = INFINITY;
+            for (Py_ssize_t i = k + 1; i < m; i++) next = smaller(work[i], next);
+            quiet += (rank - (double)k) * (next - quiet);
+        }
+        noise = larger(noise, quiet / QUIET_QUANTILE_OF_NORMAL);
+    }
+    return smaller(noise, largest);
+}
+
+static PyObject *project_points(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char kinds[] = "ddDDD";
+    Py_buffer v[5];
+    (void)self;
+    if (given != 6) return PyErr_Format(PyExc_TypeError, "project_points takes 6 arguments");
+    const double largest = PyFloat_AsDouble(args[5]);
+    if (PyErr_Occurred() || open_arrays(kinds, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]);
+    int sound = n > 0;
+    for (int i = 1; i < 5; i++) sound = sound && count_of(&v[i]) == n;
+    const double noise =
+        sound ? project(v[0].buf, v[1].buf, n, largest, v[2].buf, v[3].buf, v[4].buf) : 0.0;
+    close_arrays(kinds, v);
+    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of points do not match");
+    return PyFloat_FromDouble(noise);
+}
+
+enum { MOMENTS = 9 };
+
+/* find_pieces into first, stop, moments, probes and heights; how many there are, -1 without memory. */
+static Py_ssize_t divide_in_pieces(
+    const double *u, const double *y, const double *z, Py_ssize_t n, double noise,
+    const int64_t *run_first, const int64_t *run_count, Py_ssize_t runs, int64_t *first, int64_t *stop,
+    double *moments, double *probes, double *heights)
+{
+    const int64_t size = n / MOST_BLOCKS > POINTS_PER_BLOCK ? n / MOST_BLOCKS : POINTS_PER_BLOCK;
+    int64_t longest_run = 0, fewest;
+    Py_ssize_t blocks = 0, pieces = 0;
+    for (Py_ssize_t r = 0; r < runs; r++) longest_run = run_count[r] > longest_run ? run_count[r] : longest_run;
+    fewest = longest_run < FEWEST_RUN_POINTS ? longest_run : FEWEST_RUN_POINTS;
+    double *through = malloc((size_t)(n + 1) * (MOMENTS + 8) * sizeof(double));
+    if (!through) return -1;
+    double *rows = through + (n + 1) * MOMENTS; /* the six sums that costs need, each in a row */
+    double *least = rows + 6 * (n + 1);
+    int64_t *begin = (int64_t *)(least + n + 1);
+    int64_t *start = malloc((size_t)(n + 1) * 2 * sizeof(int64_t)), *end = start + n + 1;
+    if (!start) {
+        free(through);
+        return -1;
+    }
+    double running[MOMENTS] = {0.0}, before[MOMENTS] = {0.0}, total[MOMENTS] = {0.0};
+    memset(through, 0, MOMENTS * sizeof(double));
+    Py_ssize_t point = 0;
+    for (Py_ssize_t r = 0; r < runs; r++) {
+        const int64_t own = run_count[r] / size > 1 ? run_count[r] / size : 1;
+        for (int64_t b = 0; run_count[r] >= fewest && b < own; b++) {
+            start[blocks] = run_first[r] + b * run_count[r] / own;
+            end[blocks] = run_first[r] + (b + 1) * run_count[r] / own;
+            for (; point < end[blocks]; point++) {
+                if (point == start[blocks]) memcpy(before, running, sizeof before);
+                const double square = z[point] * z[point];
+                double term[MOMENTS];
+                term[0] = square * square;
+                for (int k = 0; k < 4; k++) term[k + 1] = term[k] * u[point];
+                for (int k = 0; k < 3; k++) term[5 + k] = term[k] * y[point];
+                term[8] = term[5] * y[point];
+                for (int k = 0; k < MOMENTS; k++) running[k] += term[k];
+            }
+            for (int k = 0; k < MOMENTS; k++) {
+                total[k] += running[k] - before[k];
+                through[(blocks + 1) * MOMENTS + k] = total[k];
+            }
+            blocks++;
+        }
+    }
+    static const int USED[6] = {0, 1, 2, 5, 6, 8};
+    for (int k = 0; k < 6; k++)
+        for (Py_ssize_t i = 0; i <= blocks; i++) rows[k * (n + 1) + i] = through[i * MOMENTS + USED[k]];
+    const double variance = 2 * NOISE_INFLATION * (noise * noise + LEAST_UNEVENNESS * LEAST_UNEVENNESS);
+    least[0] = 0.0;
+    for (Py_ssize_t j = 1; j <= blocks; j++) {
+        const Py_ssize_t from = j > LONGEST_PIECE_BLOCKS ? j - LONGEST_PIECE_BLOCKS : 0;
+        double cost[LONGEST_PIECE_BLOCKS];
+        for (Py_ssize_t i = from; i < j; i++) {
+            const double *r = rows + i, *own = rows + j;
+            const double w = own[0] - r[0], c = own[3 * (n + 1)] - r[3 * (n + 1)];
+            const double a = (own[n + 1] - r[n + 1]) / w;
+            const double b = larger(own[2 * (n + 1)] - r[2 * (n + 1)] - a * a * w, 1e-15);
+            const double d = own[4 * (n + 1)] - r[4 * (n + 1)] - a * c;
+            const double e = own[5 * (n + 1)] - r[5 * (n + 1)] - (c * c / w + d * d / b);
+            cost[i - from] = least[i] + (larger(e, 0.0) / variance + PIECE_COST);
+        }
+        least[j] = INFINITY;
+        begin[j] = from;
+        for (Py_ssize_t i = from; i < j; i++)
+            if (cost[i - from] < least[j]) {
+                least[j] = cost[i - from];
+                begin[j] = i;
+            }
+    }
+    for (Py_ssize_t j = blocks; j > 0; j = begin[j]) pieces++;
+    Py_ssize_t kept = pieces;
+    for (Py_ssize_t j = blocks; j > 0; j = begin[j]) {
+        double m[MOMENTS];
+        for (int k = 0; k < MOMENTS; k++) m[k] = through[j * MOMENTS + k] - through[begin[j] * MOMENTS + k];
+        const double middle = m[1] / m[0], height = m[5] / m[0];
+        const double spread = sqrt(larger(m[2] / m[0] - middle * middle, 1e-18));
+        if (!(spread > LEAST_BEARING_SPREAD)) continue;
+        const double slope = (m[6] - m[1] * m[5] / m[0]) / (m[0] * (spread * spread));
+        kept--;
+        first[kept] = start[begin[j]];
+        stop[kept] = end[j - 1];
+        memcpy(moments + kept * MOMENTS, m, sizeof m);
+        for (int k = 0; k < 2; k++) {
+            probes[2 * kept + k] = middle + (k ? spread : -spread);
+            heights[2 * kept + k] = height + slope * (probes[2 * kept + k] - middle);
+        }
+    }
+    const size_t found = (size_t)(pieces - kept);
+    memmove(first, first + kept, found * sizeof(int64_t));
+    memmove(stop, stop + kept, found * sizeof(int64_t));
+    memmove(moments, moments + kept * MOMENTS, found * MOMENTS * sizeof(double));
+    memmove(probes, probes + 2 * kept, found * 2 * sizeof(double));
+    memmove(heights, heights + 2 * kept, found * 2 * sizeof(double));
+    free(start);
+    free(through);
+    return (Py_ssize_t)found;
+}
+
+static PyObject *find_pieces(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char kinds[] = "dddiiIIDDD";
+    Py_buffer v[10];
+    (void)self;
+    if (given != 11) return PyErr_Format(PyExc_TypeError, "find_pieces takes 11 arguments");
+    const double noise = PyFloat_AsDouble(args[10]);
+    if (PyErr_Occurred() || open_arrays(kinds, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]), runs = count_of(&v[3]);
+    const int64_t *first = v[3].buf, *count = v[4].buf;
+    int sound = n > 0 && runs > 0 && count_of(&v[1]) == n && count_of(&v[2]) == n && count_of(&v[4]) == runs
+                && count_of(&v[5]) == n && count_of(&v[6]) == n && count_of(&v[7]) == MOMENTS * n
+                && count_of(&v[8]) == 2 * n && count_of(&v[9]) == 2 * n;
+    int64_t next = 0;
+    for (Py_ssize_t r = 0; sound && r < runs; r++) {
+        sound = first[r] == next && count[r] > 0;
+        next += count[r];
+    }
+    sound = sound && next == n;
+    const Py_ssize_t found =
+        sound ? divide_in_pieces(v[0].buf, v[1].buf, v[2].buf, n, noise, first, count, runs, v[5].buf,
+                                 v[6].buf, v[7].buf, v[8].buf, v[9].buf)
+              : 0;
+    close_arrays(kinds, v);
+    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of pieces do not match");
+    return found < 0 ? PyErr_NoMemory() : PyLong_FromSsize_t(found);
+}
+
+/* ---- candidates: groove/candidates.py ---- */
+
+enum { KIND_VALUES = 4 };
+
+typedef struct {
+    double c[3], inverse[9], steep, height;
+} Parabola;
+
+/* _fit_sums and _steepness_and_height. */
+static void fit_sums(const double *sums, double bend, double variance, int with_inverse, Parabola *p)
+{
+    const double w = sums[0], a = sums[1], b = sums[2], c = sums[3];
+    const double u = a / w, y = sums[5] / w;
+    const double inclined = (sums[6] - u * sums[5]) / larger(b - u * a, 1e-18), away = u * inclined - y;
+    p->steep = sqrt(away * away + inclined * inclined);
+    p->height = y;
+    const double r = y / p->steep, r2 = r * r;
+    const double d = sums[4] + variance * (r2 * r2 * r2) / (bend * bend);
+    const double slope = a / w, square = b / w;
+    const double first = larger(b - slope * a, LEAST_PIVOT), turn = (c - square * a) / first;
+    const double second = larger(d - square * b - turn * turn * first, LEAST_PIVOT);
+    const double h0 = 1 / sqrt(w), h1 = 1 / sqrt(first), h2 = 1 / sqrt(second);
+    const double half[3][3] = {
+        {h0, 0.0, 0.0}, {-slope * h1, h1, 0.0}, {(turn * slope - square) * h2, -turn * h2, h2}};
+    double m[9];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            m[3 * i + j] = half[0][i] * half[0][j] + half[1][i] * half[1][j] + half[2][i] * half[2][j];
+    for (int i = 0; i < 3; i++) p->c[i] = m[3 * i] * sums[5] + m[3 * i + 1] * sums[6] + m[3 * i + 2] * sums[7];
+    if (with_inverse) memcpy(p->inverse, m, sizeof m);
+}
+
+/* _squared_errors */
+static double squared_error(const double *sums, const Parabola *p)
+{
+    const double error = sums[8] - (p->c[0] * sums[5] + p->c[1] * sums[6] + p->c[2] * sums[7]);
+    const double r = p->height / p->steep;
+    return larger(error, 0.0) * (r * r);
+}
+
+typedef struct {
+    int kind;
+    int64_t points;
+    const uint8_t *member;
+    Py_ssize_t pieces;
+} Group;
+
+static int compare_groups(const void *a, const void *b)
+{
+    const Group *g = a, *h = b;
+    if (g->kind != h->kind) return g->kind < h->kind ? -1 : 1;
+    if (g->points != h->points) return g->points > h->points ? -1 : 1;
+    return memcmp(g->member, h->member, (size_t)g->pieces);
+}
+
+typedef struct {
+    Py_ssize_t count;
+    const int64_t *first, *stop;
+    const double *moments, *probes, *heights;
+} PieceArrays;
+
+static void add_moments(double *sums, const PieceArrays *p, Py_ssize_t piece)
+{
+    for (int k = 0; k < MOMENTS; k++) sums[k] += p->moments[piece * MOMENTS + k];
+}
+
+/* _grow_seeds for one seed: marks the pieces that continue it. */
+static void grow(
+    const PieceArrays *p, Py_ssize_t seed, const double *kind, double variance, uint8_t *member,
+    double *score, double *work)
+{
+    Parabola curve;
+    fit_sums(p->moments + seed * MOMENTS, kind[0], variance, 0, &curve);
+    const double steep = curve.steep;
+    double sums[MOMENTS], *scale = work, *own = work + 2 * p->count;
+    for (Py_ssize_t i = 0; i < 2 * p->count; i++) {
+        scale[i] = 1 / (p->heights[i] * steep);
+        const double far = p->heights[i] * p->heights[i] * scale[i];
+        const double points = (double)(p->stop[i / 2] - p->first[i / 2]);
+        own[i] = 2 * variance / points * (far * far) + kind[1] * kind[1];
+    }
+    for (int round = 0; round < MOST_GROWTH_ROUNDS; round++) {
+        memset(sums, 0, sizeof sums);
+        for (Py_ssize_t i = 0; i < p->count; i++)
+            if (member[i]) add_moments(sums, p, i);
+        fit_sums(sums, kind[0], variance, 1, &curve);
+        const double *m = curve.inverse;
+        Py_ssize_t best = -1, added = 0;
+        for (Py_ssize_t i = 0; i < p->count; i++) {
+            if (member[i]) continue;
+            double most_score = 0.0, most_off = 0.0, most_doubt = 0.0;
+            for (Py_ssize_t j = 2 * i; j < 2 * i + 2; j++) {
+                const double u = p->probes[j], u2 = u * u;
+                const double away = (curve.c[0] + curve.c[1] * u + curve.c[2] * u2 - p->heights[j]) * scale[j];
+                const double off = away * away;
+                const double spread = m[0] + u2 * (m[4] + m[2] + m[6]) + u * (m[1] + m[3])
+                                      + u2 * u * (m[5] + m[7]) + u2 * u2 * m[8];
+                const double doubt = variance * larger(spread, 0.0) * (scale[j] * scale[j]);
+                most_score = larger(most_score, off / (doubt + own[j]));
+                most_off = larger(most_off, off);
+                most_doubt = larger(most_doubt, doubt);
+            }
+            score[i] = INFINITY;
+            if (!(most_score < CONTINUING_SIGMAS * CONTINUING_SIGMAS)) continue;
+            if (most_doubt < SURE_PREDICTION * SURE_PREDICTION) {
+                member[i] = 2;
+                added++;
+            } else if (larger(most_doubt, most_off) < LIKELY_PREDICTION * LIKELY_PREDICTION) {
+                score[i] = most_score * most_doubt;
+                if (best < 0 || score[i] < score[best]) best = i;
+            }
+        }
+        if (!added && best < 0) break;
+        if (!added) member[best] = 1;
+        for (Py_ssize_t i = 0; i < p->count; i++) member[i] = member[i] != 0;
+    }
+}
+
+/* _best_ranges for one kind: what each range of pieces explains, and which are the best. */
+static Py_ssize_t find_best_ranges(
+    const PieceArrays *p, const double *kind, double variance, double *gain, double *most,
+    uint8_t *members, Py_ssize_t room)
+{
+    const Py_ssize_t count = p->count;
+    Py_ssize_t found = 0;
+    double *of_start = most, *of_stop = most + count + 1, through[MOMENTS], before[MOMENTS], sums[MOMENTS];
+    for (Py_ssize_t i = 0; i < 2 * (count + 1); i++) most[i] = -INFINITY;
+    memset(before, 0, sizeof before);
+    for (Py_ssize_t start = 0; start < count; start++) {
+        int64_t points = 0;
+        memcpy(through, before, sizeof before);
+        for (Py_ssize_t stop = start + 1; stop <= count && stop - start <= MOST_RANGE_PIECES; stop++) {
+            Parabola curve;
+            add_moments(through, p, stop - 1);
+            for (int k = 0; k < MOMENTS; k++) sums[k] = through[k] - before[k];
+            points += p->stop[stop - 1] - p->first[stop - 1];
+            fit_sums(sums, kind[0], variance, 0, &curve);
+            const double own = (double)points - squared_error(sums, &curve) / (kind[3] * kind[3]);
+            gain[start * (count + 1) + stop] = own;
+            of_start[start] = larger(of_start[start], own);
+            of_stop[stop] = larger(of_stop[stop], own);
+        }
+        add_moments(before, p, start);
+    }
+    for (Py_ssize_t start = 0; start < count; start++)
+        for (Py_ssize_t stop = start + 1; stop <= count && stop - start <= MOST_RANGE_PIECES; stop++) {
+            const double own = gain[start * (count + 1) + stop];
+            if (own != of_start[start] || own != of_stop[stop] || !(own > 0) || found == room) continue;
+            memset(members + found * count, 0, (size_t)count);
+            memset(members + found * count + start, 1, (size_t)(stop - start));
+            found++;
+        }
+    return found;
+}
+
+/* propose_candidates into kinds, roughness, coefficients, firsts and lasts; how many there are. */
+static Py_ssize_t propose(
+    const PieceArrays *p, const double *u, const double *table, Py_ssize_t kinds, double variance,
+    int64_t *kind, double *roughness, double *coefficients, double *first, double *last)
+{
+    const Py_ssize_t count = p->count, seeds = 2 * kinds * count;
+    uint8_t *members = calloc((size_t)(seeds * count), 1);
+    Group *groups = malloc((size_t)seeds * sizeof(Group));
+    double *work = malloc((size_t)((count + 1) * (count + 1) + 7 * (count + 1)) * sizeof(double));
+    Py_ssize_t found = -1, grown = 0;
+    if (members && groups && work) {
+        for (int k = 0; k < kinds; k++) {
+            const double *own = table + KIND_VALUES * k;
+            const Py_ssize_t before = grown;
+            for (Py_ssize_t i = 0; i < count && own[2] > 0; i++) {
+                if ((double)(p->stop[i] - p->first[i]) < own[2]) continue;
+                uint8_t *member = members + grown++ * count;
+                member[i] = 1;
+                grow(p, i, own, variance, member, work, work + count);
+            }
+            if (own[3] > 0)
+                grown += find_best_ranges(p, own, variance, work, work + (count + 1) * (count + 1),
+                                          members + grown * count, count);
+            for (Py_ssize_t g = before; g < grown; g++) {
+                Group group = {k, 0, members + g * count, count};
+                for (Py_ssize_t i = 0; i < count; i++)
+                    if (group.member[i]) group.points += p->stop[i] - p->first[i];
+                groups[g] = group;
+            }
+        }
+        qsort(groups, (size_t)grown, sizeof(Group), compare_groups);
+        found = 0;
+        int of_kind = 0;
+        for (Py_ssize_t g = 0; g < grown; g++) {
+            const Group *own = &groups[g];
+            if (g && compare_groups(own, own - 1) == 0) continue;
+            of_kind = g && own->kind == own[-1].kind ? of_kind + 1 : 0;
+            if (of_kind >= MOST_CANDIDATES) continue;
+            double sums[MOMENTS] = {0.0};
+            Py_ssize_t begin = -1, end = 0;
+            for (Py_ssize_t i = 0; i < count; i++)
+                if (own->member[i]) {
+                    add_moments(sums, p, i);
+                    begin = begin < 0 ? i : begin;
+                    end = i;
+                }
+            Parabola curve;
+            fit_sums(sums, table[KIND_VALUES * own->kind], variance, 0, &curve);
+            kind[found] = own->kind;
+            roughness[found] = sqrt(squared_error(sums, &curve) / (double)own->points);
+            memcpy(coefficients + 3 * found, curve.c, sizeof curve.c);
+            first[found] = u[p->first[begin]];
+            last[found] = u[p->stop[end] - 1];
+            found++;
+        }
+    }
+    free(work);
+    free(groups);
+    free(members);
+    return found;
+}
+
+static PyObject *propose_candidates(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "diiddddIDDDD";
+    enum { U, FIRST, STOP, MOMENT, PROBE, HEIGHT, TABLE, KIND, ROUGH, COEFFICIENT, BEGIN, END };
+    Py_buffer v[12];
+    (void)self;
+    if (given != 13) return PyErr_Format(PyExc_TypeError, "propose_candidates takes 13 arguments");
+    const double variance = PyFloat_AsDouble(args[12]);
+    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t count = count_of(&v[FIRST]), kinds = count_of(&v[TABLE]) / KIND_VALUES;
+    const Py_ssize_t room = kinds * MOST_CANDIDATES;
+    int sound = count > 0 && kinds > 0 && count_of(&v[STOP]) == count && count_of(&v[MOMENT]) == MOMENTS * count
+                && count_of(&v[PROBE]) == 2 * count && count_of(&v[HEIGHT]) == 2 * count
+                && count_of(&v[TABLE]) == KIND_VALUES * kinds && count_of(&v[KIND]) == room
+                && count_of(&v[ROUGH]) == room && count_of(&v[COEFFICIENT]) == 3 * room
+                && count_of(&v[BEGIN]) == room && count_of(&v[END]) == room;
+    const int64_t *first = v[FIRST].buf, *stop = v[STOP].buf;
+    for (Py_ssize_t i = 0; sound && i < count; i++)
+        sound = first[i] >= 0 && first[i] < stop[i] && stop[i] <= count_of(&v[U]);
+    Py_ssize_t found = 0;
+    if (sound) {
+        const PieceArrays pieces = {count, first, stop, v[MOMENT].buf, v[PROBE].buf, v[HEIGHT].buf};
+        found = propose(&pieces, v[U].buf, v[TABLE].buf, kinds, variance, v[KIND].buf, v[ROUGH].buf,
+                        v[COEFFICIENT].buf, v[BEGIN].buf, v[END].buf);
+    }
+    close_arrays(letters, v);
+    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of candidates do not match");
+    return found < 0 ? PyErr_NoMemory() : PyLong_FromSsize_t(found);
+}
+
+/* ---- chains of candidates: groove/chains.py ---- */
+
+enum { FORM_VALUES = 7 };
+
+typedef struct {
+    double x, z, before, after;
+    Py_ssize_t place;
+    int state; /* 0 not looked at, 1 they meet, -1 they do not */
+} Corner;
+
+typedef struct {
+    Py_ssize_t n, count, runs;
+    const double *u, *z;
+    const int64_t *kind, *run_first, *run_count;
+    const uint8_t *run_jumps;
+    const double *coefficients, *first, *last;
+    double *paid, *sums, *least; /* of each candidate: n, n + 1, n + 1 values */
+    Corner *corners;
+    double bounds[4]; /* least and largest x, then z, of corners */
+} Search;
+
+/* What each point pays each candidate, with running sums: ChainSearch. */
+static void prepare(Search *s, const double *roughness, double tolerance)
+{
+    double *share = s->least; /* of what it pays, at most: in the row that is written last */
+    const Py_ssize_t n = s->n;
+    s->bounds[0] = s->bounds[2] = INFINITY;
+    s->bounds[1] = s->bounds[3] = -INFINITY;
+    for (Py_ssize_t i = 0; i < n; i++) {
+        const double x = s->u[i] * -s->z[i];
+        s->bounds[0] = smaller(s->bounds[0], x);
+        s->bounds[1] = larger(s->bounds[1], x);
+        s->bounds[2] = smaller(s->bounds[2], s->z[i]);
+        s->bounds[3] = larger(s->bounds[3], s->z[i]);
+    }
+    for (int i = 0; i < 4; i++)
+        s->bounds[i] += i % 2 ? CORNER_DISTANCE_BEYOND_POINTS : -CORNER_DISTANCE_BEYOND_POINTS;
+    share += (s->count - 1) * (n + 1) + 1;
+    for (Py_ssize_t r = 0; r < s->runs; r++) {
+        const double whole = smaller(RUN_COST / (double)s->run_count[r] + POINT_COST, 1.0);
+        for (int64_t i = 0; i < s->run_count[r]; i++)
+            share[s->run_first[r] + i] = s->run_jumps[r] ? whole : 1.0;
+    }
+    for (Py_ssize_t k = 0; k < s->count; k++) {
+        const double *c = s->coefficients + 3 * k, ends[3] = {s->first[k], 0.5 * (s->first[k] + s->last[k]), s->last[k]};
+        double y[3], farthest = 0.0;
+        for (int e = 0; e < 3; e++) y[e] = c[0] + ends[e] * (c[1] + ends[e] * c[2]);
+        const double slope = c[1] + 2 * ends[1] * c[2], along = ends[1] * slope - y[1];
+        const double steep = sqrt(along * along + slope * slope);
+        if (s->kind[k] == BEAD_KIND) farthest = FACE_BLUNTNESS * (fabs(y[1] - 0.5 * (y[0] + y[2])) / (y[1] * steep));
+        if (s->kind[k] == WELD_KIND) farthest = WELD_ROUGHNESS;
+        const double reach = larger(smaller(ROUGH_REACH_SIGMAS * roughness[k], farthest), tolerance);
+        const double wider = WIDER_TOLERANCE_COST * log(reach / tolerance), scale = steep * reach;
+        const double a = c[0] / scale, b = c[1] / scale, d = c[2] / scale, one = 1 / scale;
+        double *paid = s->paid + k * n, *sums = s->sums + k * (n + 1), *least = s->least + k * (n + 1);
+        for (Py_ssize_t i = 0; i < n; i++) {
+            const double u = s->u[i], off = s->z[i] * (a + u * (b + u * d)) - one;
+            paid[i] = smaller(off * off + wider, 1.0);
+        }
+        sums[0] = 0.0;
+        for (Py_ssize_t i = 0; i < n; i++) sums[i + 1] = sums[i] + paid[i];
+        double total = 0.0;
+        for (Py_ssize_t i = 0; i < n; i++) {
+            const double most = paid[i] * share[i];
+            least[i] = total;
+            total += most;
+        }
+        least[n] = total;
+    }
+}
+
+/* _intersect_candidates for one pair. */
+static const Corner *corner_of(const Search *s, Py_ssize_t i, Py_ssize_t j)
+{
+    Corner *corner = s->corners + i * s->count + j;
+    if (corner->state) return corner;
+    const double *p = s->coefficients + 3 * i, *q = s->coefficients + 3 * j;
+    const double middle = 0.5 * (s->last[i] + s->first[j]), c = p[2] - q[2];
+    const double a = p[0] - q[0] + middle * (p[1] - q[1] + middle * c), b = p[1] - q[1] + 2 * middle * c;
+    const double root = sqrt(b * b - 4 * a * c), u = middle - 2 * a / (b + copysign(root, b));
+    const double y = p[0] + u * (p[1] + u * p[2]), z = 1 / y, x = -u * z;
+    corner->state = -1;
+    if (!(y > 0 && x > s->bounds[0] && x < s->bounds[1] && z > s->bounds[2] && z < s->bounds[3])) return corner;
+    const double slope = p[1] + 2 * u * p[2], other = q[1] + 2 * u * q[2];
+    corner->state = 1;
+    corner->x = x;
+    corner->z = z;
+    corner->place = search_sorted(s->u, s->n, u);
+    corner->before = atan2(-slope, y - u * slope);
+    corner->after = atan2(-other, y - u * other);
+    return corner;
+}
+
+/* Whether a corner of candidates i and j may be the first of a chain, or the last. */
+static int may_begin(const Search *s, Py_ssize_t i, const Corner *c)
+{
+    const double place = (double)c->place, support = place - s->sums[i * (s->n + 1) + c->place];
+    return support >= larger(LEAST_SUPPORT_SHARE * place, FEWEST_OUTER_POINTS);
+}
+
+static int may_end(const Search *s, Py_ssize_t j, const Corner *c)
+{
+    const double *sums = s->sums + j * (s->n + 1), behind = (double)(s->n - c->place);
+    return behind - sums[s->n] + sums[c->place] >= larger(LEAST_SUPPORT_SHARE * behind, FEWEST_OUTER_POINTS);
+}
+
+/* Whether candidate b fits as a side between two corners. */
+static int may_be_side(
+    const Search *s, Py_ssize_t b, const Corner *start, const Corner *end, const double *side)
+{
+    const double *sums = s->sums + b * (s->n + 1), span = (double)(end->place - start->place);
+    if (!(span > 0)) return 0;
+    const double support = ((double)end->place - sums[end->place]) - ((double)start->place - sums[start->place]);
+    if (!(support >= LEAST_SUPPORT_SHARE * span && support >= FEWEST_INNER_POINTS)) return 0;
+    const double x = end->x - start->x, z = end->z - start->z, square = x * x + z * z;
+    const double shortest = SIDE_LENGTH_SLACK * side[1], longest = side[2] / SIDE_LENGTH_SLACK;
+    if (!(square > shortest * shortest && square < longest * longest)) return 0;
+    if (!side[3]) return 1;
+    const double chord = atan2(z, -x);
+    return start->before - chord > LEAST_FACE_TURN && chord - end->after > LEAST_FACE_TURN;
+}
+
+typedef struct {
+    double bound, cost;
+    int32_t sides[MOST_SIDES];
+} Chain;
+
+static int compare_bounds(const void *a, const void *b)
+{
+    const double x = ((const Chain *)a)->bound, y = ((const Chain *)b)->bound;
+    return (x > y) - (x < y);
+}
+
+static int compare_costs(const void *a, const void *b)
+{
+    const Chain *x = a, *y = b;
+    if (x->cost != y->cost) return x->cost < y->cost ? -1 : 1;
+    return compare_bounds(a, b);
+}
+
+/* _exact_costs of one chain of k sides. */
+static double exact_cost(const Search *s, const Chain *chain, int k)
+{
+    Py_ssize_t ends[MOST_SIDES];
+    double cost = 0.0;
+    for (int j = 0; j < k; j++) {
+        const double *sums = s->sums + chain->sides[j] * (s->n + 1);
+        ends[j] = j < k - 1 ? corner_of(s, chain->sides[j], chain->sides[j + 1])->place : s->n;
+        cost += sums[ends[j]] - sums[j ? ends[j - 1] : 0];
+    }
+    for (Py_ssize_t r = 0; r < s->runs; r++) {
+        const double count = (double)s->run_count[r];
+        if (!s->run_jumps[r] || RUN_COST + POINT_COST * count >= count) continue;
+        int64_t i = s->run_first[r], stop = i + s->run_count[r];
+        int side = 0;
+        for (; i < stop; i++) {
+            while (i >= ends[side]) side++;
+            if (s->paid[chain->sides[side] * s->n + i] < 1) break;
+        }
+        if (i == stop) cost += RUN_COST + POINT_COST * count - count;
+    }
+    return cost;
+}
+
+/* A heap of the cheapest chains by their bounds, the dearest first. */
+static void keep_cheapest(Chain *heap, int *count, const Chain *chain)
+{
+    int i;
+    if (*count < MOST_CHAINS_COMPARED) {
+        i = (*count)++;
+        for (; i && heap[(i - 1) / 2].bound < chain->bound; i = (i - 1) / 2) heap[i] = heap[(i - 1) / 2];
+    } else {
+        if (!(chain->bound < heap[0].bound)) return;
+        for (i = 0;;) {
+            int child = 2 * i + 1;
+            if (child + 1 < *count && heap[child + 1].bound > heap[child].bound) child++;
+            if (child >= *count || heap[child].bound <= chain->bound) break;
+            heap[i] = heap[child];
+            i = child;
+        }
+    }
+    heap[i] = *chain;
+}
+
+/* Chains that end with pairs of candidates of two layers: what they cost, and the pair before. */
+typedef struct {
+    Py_ssize_t rows, columns;
+    double *cost; /* infinite where no chain is allowed */
+    int32_t *before;
+} Layer;
+
+static double step_cost(const Search *s, Py_ssize_t i, Py_ssize_t j, const Corner *c)
+{
+    return s->least[i * (s->n + 1) + c->place] - s->least[j * (s->n + 1) + c->place];
+}
+
+/* cheapest_chains of one form into `found`, at most so many; how many, -1 without memory. */
+static int find_chains(const Search *s, const double *form, int k, int most, Chain *found)
+{
+    /* Rows of the form: kinds as bits, shortest, longest, bead, least and most turn into the next. */
+    int32_t *members = malloc((size_t)(s->count * k) * sizeof(int32_t));
+    Chain *heap = malloc(MOST_CHAINS_COMPARED * sizeof(Chain));
+    Py_ssize_t sizes[MOST_SIDES] = {0};
+    int32_t *layer[MOST_SIDES];
+    Layer pairs[MOST_SIDES];
+    int heaped = 0, number = members && heap ? 0 : -1;
+    memset(pairs, 0, sizeof pairs);
+    for (int j = 0; number == 0 && j < k; j++) {
+        layer[j] = members + s->count * j;
+        for (Py_ssize_t i = 0; i < s->count; i++)
+            if ((int)form[FORM_VALUES * j] >> s->kind[i] & 1) layer[j][sizes[j]++] = (int32_t)i;
+    }
+    for (int j = 0; number == 0 && j < k - 1; j++) {
+        const double *side = form + FORM_VALUES * j;
+        const size_t room = (size_t)(sizes[j] * sizes[j + 1]);
+        Layer *own = &pairs[j];
+        own->cost = malloc((room + 1) * (sizeof(double) + sizeof(int32_t)));
+        if (!own->cost) {
+            number = -1;
+            break;
+        }
+        own->before = (int32_t *)(own->cost + room + 1);
+        for (Py_ssize_t b = 0; b < sizes[j]; b++)
+            for (Py_ssize_t c = 0; c < sizes[j + 1]; c++) {
+                const Py_ssize_t own_b = layer[j][b], own_c = layer[j + 1][c];
+                double *cost = own->cost + b * sizes[j + 1] + c;
+                *cost = INFINITY;
+                const Corner *corner = corner_of(s, own_b, own_c);
+                if (corner->state < 0) continue;
+                const double turn = corner->before - corner->after;
+                if (!(turn >= side[4] && turn <= side[5])) continue;
+                if (j == 0 && !may_begin(s, own_b, corner)) continue;
+                if (j == k - 2 && !may_end(s, own_c, corner)) continue;
+                const double step = step_cost(s, own_b, own_c, corner);
+                if (j == 0) *cost = step;
+                double cheapest = INFINITY;
+                for (Py_ssize_t a = 0; j && a < sizes[j - 1]; a++) {
+                    const double before = pairs[j - 1].cost[a * sizes[j] + b];
+                    if (!(before < INFINITY)) continue;
+                    if (j < k - 2 && !(before < cheapest)) continue;
+                    if (!may_be_side(s, own_b, corner_of(s, layer[j - 1][a], own_b), corner, side)) continue;
+                    if (j < k - 2) {
+                        cheapest = before;
+                        *cost = before + step;
+                        own->before[b * sizes[j + 1] + c] = (int32_t)a;
+                        continue;
+                    }
+                    Chain chain;
+                    chain.bound = before + step + s->least[own_c * (s->n + 1) + s->n];
+                    if (heaped == MOST_CHAINS_COMPARED && !(chain.bound < heap[0].bound)) continue;
+                    Py_ssize_t at = a, next = b;
+                    chain.sides[k - 1] = (int32_t)own_c;
+                    chain.sides[k - 2] = (int32_t)own_b;
+                    for (int i = k - 3; i >= 0; i--) {
+                        chain.sides[i] = layer[i][at];
+                        if (!i) break;
+                        const Py_ssize_t previous = pairs[i].before[at * sizes[i + 1] + next];
+                        next = at;
+                        at = previous;
+                    }
+                    keep_cheapest(heap, &heaped, &chain);
+                }
+            }
+    }
+    qsort(heap, (size_t)heaped, sizeof(Chain), compare_bounds);
+    double cheapest = INFINITY;
+    int exact = 0;
+    for (int i = 0; number == 0 && i < heaped && heap[i].bound < cheapest + RIVAL_COST_MARGIN; i++) {
+        const int32_t *sides = heap[i].sides;
+        const double across = corner_of(s, sides[0], sides[1])->before - corner_of(s, sides[k - 2], sides[k - 1])->after;
+        if (!(across >= form[6] && across <= form[FORM_VALUES + 6])) continue;
+        heap[exact] = heap[i];
+        heap[exact].cost = exact_cost(s, &heap[exact], k);
+        cheapest = smaller(cheapest, heap[exact++].cost);
+    }
+    qsort(heap, (size_t)exact, sizeof(Chain), compare_costs);
+    for (int i = 0; i < exact && number < most && heap[i].cost < cheapest + RIVAL_COST_MARGIN; i++) {
+        int distinct = 1;
+        for (int m = 0; m < number && distinct; m++) {
+            double apart = 0.0;
+            for (int j = 0; j < k - 1; j++) {
+                const Corner *p = corner_of(s, heap[i].sides[j], heap[i].sides[j + 1]);
+                const Corner *q = corner_of(s, found[m].sides[j], found[m].sides[j + 1]);
+                apart = larger(apart, larger(fabs(p->x - q->x), fabs(p->z - q->z)));
+            }
+            distinct = apart > LEAST_DISTANCE_OF_RIVALS;
+        }
+        if (distinct) found[number++] = heap[i];
+    }
+    for (int j = 0; j < k - 1; j++) free(pairs[j].cost);
+    free(heap);
+    free(members);
+    return number;
+}
+
+static void free_search(PyObject *capsule)
+{
+    Search *s = PyCapsule_GetPointer(capsule, "search");
+    if (s) {
+        free(s->paid);
+        free(s->corners);
+    }
+    free(s);
+}
+
+static PyObject *begin_search(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "ddiddddiib";
+    Py_buffer v[10];
+    (void)self;
+    if (given != 11) return PyErr_Format(PyExc_TypeError, "begin_search takes 11 arguments");
+    const double tolerance = PyFloat_AsDouble(args[10]);
+    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]), count = count_of(&v[2]), runs = count_of(&v[7]);
+    int sound = n > 0 && count > 0 && runs > 0 && count_of(&v[1]) == n && count_of(&v[3]) == count
+                && count_of(&v[4]) == 3 * count && count_of(&v[5]) == count && count_of(&v[6]) == count
+                && count_of(&v[8]) == runs && count_of(&v[9]) == runs;
+    const int64_t *kind = v[2].buf, *first = v[7].buf, *length = v[8].buf;
+    int64_t next = 0;
+    for (Py_ssize_t i = 0; sound && i < count; i++) sound = kind[i] >= 0 && kind[i] < 30;
+    for (Py_ssize_t r = 0; sound && r < runs; r++) {
+        sound = first[r] == next && length[r] > 0;
+        next += length[r];
+    }
+    if (!sound || next != n) {
+        close_arrays(letters, v);
+        return PyErr_Format(PyExc_ValueError, "arrays of a search do not match");
+    }
+    /* One piece of memory; what Python handed over is copied, for it may not live as long. */
+    const size_t points = (size_t)n, sides = (size_t)count, own_runs = (size_t)runs;
+    const size_t sizes[] = {sides * points, sides * (points + 1), sides * (points + 1), points, points,
+                            3 * sides, sides, sides, sides, own_runs, own_runs, own_runs};
+    size_t total = 0;
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) total += sizes[i];
+    double *memory = malloc(total * sizeof(double));
+    Corner *corners = calloc(sides * sides, sizeof(Corner));
+    Search *s = calloc(1, sizeof(Search));
+    PyObject *capsule = NULL;
+    if (memory && corners && s) {
+        double *to = memory + sizes[0] + sizes[1] + sizes[2];
+        s->n = n;
+        s->count = count;
+        s->runs = runs;
+        s->paid = memory;
+        s->sums = memory + sizes[0];
+        s->least = s->sums + sizes[1];
+        s->u = to;
+        to = put(to, v[0].buf, points);
+        s->z = to;
+        to = put(to, v[1].buf, points);
+        s->coefficients = to;
+        to = put(to, v[4].buf, 3 * sides);
+        s->first = to;
+        to = put(to, v[5].buf, sides);
+        s->last = to;
+        to = put(to, v[6].buf, sides);
+        s->kind = (int64_t *)to;
+        to = put(to, v[2].buf, sides);
+        s->run_first = (int64_t *)to;
+        to = put(to, v[7].buf, own_runs);
+        s->run_count = (int64_t *)to;
+        to = put(to, v[8].buf, own_runs);
+        s->run_jumps = (uint8_t *)to;
+        memcpy(to, v[9].buf, own_runs);
+        s->corners = corners;
+        prepare(s, v[3].buf, tolerance);
+        capsule = PyCapsule_New(s, "search", free_search);
+    } else {
+        PyErr_NoMemory();
+    }
+    if (!capsule) {
+        free(memory);
+        free(corners);
+        free(s);
+    }
+    close_arrays(letters, v);
+    return capsule;
+}
+
+static PyObject *cheapest_chains(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "d";
+    Py_buffer v[1];
+    (void)self;
+    if (given != 3) return PyErr_Format(PyExc_TypeError, "cheapest_chains takes 3 arguments");
+    const Search *s = PyCapsule_GetPointer(args[0], "search");
+    const long most = PyLong_AsLong(args[2]);
+    if (PyErr_Occurred() || open_arrays(letters, args + 1, v) < 0) return NULL;
+    const Py_ssize_t k = count_of(&v[0]) / FORM_VALUES;
+    PyObject *list = NULL;
+    Chain found[MOST_CHAINS_COMPARED];
+    if (k < 3 || k > MOST_SIDES || count_of(&v[0]) != k * FORM_VALUES || most < 0 || most > MOST_CHAINS_COMPARED) {
+        PyErr_SetString(PyExc_ValueError, "arrays of a form do not match");
+    } else {
+        const int number = find_chains(s, v[0].buf, (int)k, (int)most, found);
+        list = number < 0 ? PyErr_NoMemory() : PyList_New(0);
+        for (int i = 0; list && i < number; i++) {
+            PyObject *sides = PyList_New(k), *corners = PyList_New(2 * (k - 1));
+            for (Py_ssize_t j = 0; sides && corners && j < k; j++) {
+                PyList_SetItem(sides, j, PyLong_FromLong(found[i].sides[j]));
+                if (j == k - 1) break;
+                const Corner *corner = corner_of(s, found[i].sides[j], found[i].sides[j + 1]);
+                PyList_SetItem(corners, 2 * j, PyFloat_FromDouble(corner->x));
+                PyList_SetItem(corners, 2 * j + 1, PyFloat_FromDouble(corner->z));
+            }
+            PyObject *one = sides && corners ? Py_BuildValue("(dNN)", found[i].cost, sides, corners) : NULL;
+            if (!one || PyList_Append(list, one) < 0) Py_CLEAR(list);
+            Py_XDECREF(one);
+        }
+    }
+    close_arrays(letters, v);
+    return list;
+}
+
 static PyMethodDef METHODS[] = {
+    {"find_runs", (PyCFunction)(void (*)(void))find_runs, METH_FASTCALL, NULL},
+    {"project_points", (PyCFunction)(void (*)(void))project_points, METH_FASTCALL, NULL},
+    {"find_pieces", (PyCFunction)(void (*)(void))find_pieces, METH_FASTCALL, NULL},
+    {"propose_candidates", (PyCFunction)(void (*)(void))propose_candidates, METH_FASTCALL, NULL},
+    {"begin_search", (PyCFunction)(void (*)(void))begin_search, METH_FASTCALL, NULL},
+    {"cheapest_chains", (PyCFunction)(void (*)(void))cheapest_chains, METH_FASTCALL, NULL},
     {"refine_fit", (PyCFunction)(void (*)(void))refine_fit, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };

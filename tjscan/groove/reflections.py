@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove import kernel
 from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     FittedProfile,
@@ -126,6 +127,11 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
         x and z in metres.
     columns : ndarray of int, shape (n,)
     """
+    if kernel.compiled is not None and len(points):
+        (x, z), n = np.ascontiguousarray(points.T), len(points)
+        bounds, jumps = np.empty(n + 1, dtype=np.intp), np.empty(n, dtype=np.bool_)
+        m = kernel.compiled.find_runs(x, z, columns, bounds, jumps, np.empty(n))
+        return PointRuns(bounds[:m], bounds[1 : m + 1] - bounds[:m], jumps[:m])
     step = np.hypot(*np.diff(points, axis=0).T)
     apart = np.abs(np.diff(columns))
     each = np.concatenate((step[:1] / apart[:1], step / apart, step[-1:] / apart[-1:]))
