@@ -139,12 +139,11 @@ class ArcSequence:
         self._source, self._limits, self._report = source, limits, report
         self.phase, self.sample = ArcPhase.IDLE, None
         self.fault: ArcFault | None = None
-        self._setting, self._since, self._slow, self._no_gas = PowerSetting(0.0), 0.0, None, None
+        self._setting, self._since, self._moved = PowerSetting(0.0), 0.0, 0.0
         self._stuck_or_flowing = False
 
     sample: PowerSample | None
-    _slow: float | None
-    _no_gas: float | None
+    _no_gas: float | None = None
 
     @property
     def may_move(self) -> bool:
@@ -266,7 +265,7 @@ class ArcSequence:
                 self._fail(ArcFault.NOT_STABLE, f"the arc is not stable after {waited:.2f} s")
             case ArcPhase.RELEASED if speed > limits.standing_speed:
                 self._enter(ArcPhase.WELDING, f"the torch moves after {1e3 * waited:.0f} ms")
-                self._slow = None
+                self._moved = sample.time
             case ArcPhase.RELEASED if waited > limits.motion:
                 self._fail(ArcFault.NOT_MOVING, f"the torch stands still for {waited:.2f} s")
             case ArcPhase.WELDING if at_end:
@@ -279,10 +278,8 @@ class ArcSequence:
 
     def _watch_motion(self, now: float, speed: float, asked: float) -> None:
         if speed >= self._limits.stall_share * asked:
-            self._slow = None
-            return
-        self._slow = now if self._slow is None else self._slow
-        if now - self._slow >= self._limits.stall:
+            self._moved = now
+        elif now - self._moved >= self._limits.stall:
             slow = f"the torch moves with {1e3 * speed:.2f} mm/s where {1e3 * asked:.2f} were asked"
             self._fail(ArcFault.STALLED, slow)
 

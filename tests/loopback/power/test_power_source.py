@@ -9,7 +9,7 @@ pytest.importorskip("pymodbus", reason="pymodbus is not installed: pip install '
 from _arc import HOST, RealTimeArc, free_port, loopback_power_source
 from power_jobs import modbus_settings, modbus_table
 
-from tjscan.core.errors import PowerFault, PowerLinkLost
+from tjscan.core.errors import PowerFault, PowerLinkLost, WeldStopped
 from tjscan.core.sourced import NumberSource
 from tjscan.power.modbus.registers import ModbusPowerSettings
 from tjscan.power.modbus.source import ModbusPowerSource
@@ -100,7 +100,7 @@ def test_source_that_hears_nothing_puts_its_arc_out(link: Link) -> None:
 def test_setting_out_of_its_range_strikes_nothing(link: Link) -> None:
     _, source = link
     arc = RealTimeArc(source)
-    with pytest.raises(PowerFault, match=r"feed is 30, and .* allows 1 to 25"):
+    with pytest.raises(WeldStopped, match=r"feed is 30, and .* allows 1 to 25"):
         arc.begin(30 / 60)
     assert not source.state().flow
 

@@ -41,7 +41,7 @@ class ModbusPowerSource(DeviceBase):
         self._bits = {"start": False, "robot_ready": False, "gas": False, "error_reset": False}
         self._setting_words: dict[str, float] = {}
         self._last_words: dict[str, float] = {}
-        self._changed = 0.0
+        self._changed, self._lost = 0.0, False
 
     def __enter__(self) -> Self:
         """Connect.
@@ -141,12 +141,14 @@ class ModbusPowerSource(DeviceBase):
     def quench(self) -> None:
         """See `PowerSource.quench`."""
         self._bits["start"] = False
-        if not self._lock.acquire(blocking=False):
-            return  # the exchange that runs in another thread is followed by one without start
+        # The exchange that runs in another thread is followed by one without start. A source that
+        # does not answer is told nothing: its own watchdog puts the arc out.
+        if self._lost or not self._lock.acquire(blocking=False):
+            return
         try:
             self._exchange()
         except PowerFault:
-            pass  # its own watchdog puts the arc out, and the next state names the cause
+            pass  # the next state names the cause
         finally:
             self._lock.release()
 
@@ -181,7 +183,9 @@ class ModbusPowerSource(DeviceBase):
         try:
             answer = ask()
         except ModbusException as error:
+            self._lost = True
             raise PowerLinkLost(f"{where} does not answer: {error}") from error
+        self._lost = False
         if answer.isError():
             raise PowerFault(f"{where} refuses: {answer}. Compare power.modbus with its manual")
         return list(answer.registers)
