@@ -44,6 +44,37 @@
 #define _GUESSED_VARIANCE_INFLATION 4.0
 #define FACE_BLUNTNESS 0.2
 #define LEAST_COLUMNS_OF_HOLE 6
+#define FARTHEST_POINT_RATIO 4.0
+#define CORNER_POINT_DISTANCE 1.5e-3
+#define FEWEST_AT_CORNER 2
+#define MEETING_REACH 1.5e-3
+#define FEWEST_MEETING 2
+#define FEWEST_HIDING 3
+#define SIGNIFICANT_SIGMAS 3.0
+#define POINTS_PER_UNDULATION_BLOCK 10
+#define FEWEST_UNDULATION_BLOCKS 3
+#define LEAST_RAY_SINE 0.2
+#define SUPPORT_NEIGHBOURS 4
+#define CORNER_NEIGHBOURHOOD 1.5e-3
+#define LEAST_REFLECTION_OFFSET 2.0e-3
+#define FEWEST_BESIDE_CORNER 4
+#define PATCH_REACH 0.6e-3
+#define FEWEST_PATCH_POINTS 12
+#define CORNER_POINTS 3
+#define ROUGH_SIDE_FACTOR 1.6
+#define PATCH_SIGMAS 3.5
+#define PATCHED_SHARE 0.15
+#define UNSEEN_SIDE_SLOPE 0.04
+#define PULL_PROBABILITY 0.5
+#define UNSEEN_FACE_SLOPE 0.15
+#define LARGEST_STEP_ON_SURFACE 0.7e-3
+#define FACE_END_SHARE 0.1
+#define _MEDIAN_OVER_MEAN 1.2533
+#define PULL_PRIOR_ODDS 0.5
+#define PULL_SHAPE_SIGMA 0.05
+#define NOTCH_REGION_LENGTH 8e-3
+#define FEWEST_FACE_POINTS 8
+#define LEAST_TURN_SINE 0.15
 #define JUMP_DISTANCE 0.5e-3
 #define JUMP_STEEPNESS 1.5
 #define RUN_COST 3.0
@@ -569,6 +600,18 @@ static int find_curled_rims(const Row *row, const Fit *fit, const Side *sides)
     return 1;
 }
 
+/* The sides of a model from Python's array; 0 if an outer one is a bead. */
+static int read_sides(const double *model, Py_ssize_t k, Side *sides)
+{
+    for (Py_ssize_t j = 0; j < k; j++) {
+        const double *m = model + MODEL_VALUES * j;
+        const Side side = {m[0], m[1], m[2], m[3], m[4] != 0, m[5] != 0};
+        sides[j] = side;
+        if (side.bead && (j == 0 || j == k - 1)) return 0;
+    }
+    return 1;
+}
+
 /* 1 if a fit was found, 2 if it is near a known one, 0 if there is none. */
 static int refine(
     Row *row, Fit *fit, const Side *sides, double tolerance, int annealed, const double *known,
@@ -672,8 +715,8 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
                 && count_of(&v[5]) == k * MODEL_VALUES && count_of(&v[6]) % (2 * (k - 1)) == 0
                 && count_of(&v[7]) == FIT_VALUES(k) && count_of(&v[8]) == 2 * n && count_of(&v[9]) == n;
     for (Py_ssize_t i = 0; sound && i < n; i++) sound = columns[i] >= 0 && columns[i] < column_count;
-    const double *model = v[5].buf;
-    for (int j = 0; sound && j < k; j++) sound = !model[MODEL_VALUES * j + 4] || (j > 0 && j < k - 1);
+    Side sides[MOST_SIDES];
+    sound = sound && read_sides(v[5].buf, k, sides);
     double *memory = sound ? calloc((size_t)(3 * n + 2 * column_count + n / 8 + 2), sizeof(double)) : NULL;
     if (!memory) {
         if (sound) PyErr_NoMemory();
@@ -685,7 +728,6 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
                memory + n, memory + 2 * n, memory + 3 * n, memory + 3 * n + column_count, v[9].buf,
                (uint8_t *)(memory + 3 * n + 2 * column_count), 0};
     for (Py_ssize_t i = 0; i < n; i++) row.u[i] = -row.x[i] / row.z[i];
-    Side sides[MOST_SIDES];
     Fit fit;
     Correlation noise;
     memset(&fit, 0, sizeof fit);
@@ -693,11 +735,6 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
     fit.k = (int)k;
     memcpy(fit.curves, v[3].buf, (size_t)k * sizeof(Curve));
     memcpy(fit.corners, v[4].buf, (size_t)(k - 1) * 2 * sizeof(double));
-    for (int j = 0; j < k; j++) {
-        const double *m = model + MODEL_VALUES * j;
-        const Side side = {m[0], m[1], m[2], m[3], m[4] != 0, m[5] != 0};
-        sides[j] = side;
-    }
     const Py_ssize_t known = count_of(&v[6]) / (2 * (k - 1));
     const int found = refine(&row, &fit, sides, tolerance, annealed, v[6].buf, known, &noise);
     free(memory);
@@ -1614,7 +1651,867 @@ static PyObject *cheapest_chains(PyObject *self, PyObject *const *args, Py_ssize
     return list;
 }
 
+/* ---- errors of corners: groove/shape.py, groove/interreflection.py ---- */
+
+enum { MOST_PULLS = 32 };
+
+/* Nothing is pulled so many decays away, and its exponential is finite. */
+static const double LARGEST_EXPONENT = 300.0;
+static const double Pi = 3.14159265358979323846;
+
+/* A fit as Python holds it, and the points it rests on. */
+typedef struct {
+    Py_ssize_t n, k, lag_count, column_count;
+    const double *x, *z, *along, *residuals, *places, *corners, *sigmas, *middles, *lags, *straight;
+    const double *matrix, *rhs, *inverse, *weight;
+    const int64_t *columns, *edges, *counts;
+    const uint8_t *keep, *curved;
+    const Curve *curves;
+    double inflation;
+    Side sides[MOST_SIDES];
+    double *work; /* n values, and twice four rows of columns with room on both ends */
+    uint8_t *on;
+} Fitted;
+
+/* What is tried of a pull: how far, and the lengths of its shapes. */
+typedef struct {
+    Py_ssize_t pulls, reaches, decays;
+    const double *pull, *reach, *decay;
+    const uint8_t *smooth;
+} Tried;
+
+static double side_noise_variance(const Fitted *f, Py_ssize_t j)
+{
+    const double lost = noise_share_in_fit(2 + f->curved[j], f->inflation, (double)f->counts[j]);
+    return f->sigmas[j] * f->sigmas[j] / (1 - lost);
+}
+
+static double undulation_sigma(const Fitted *f, Py_ssize_t j)
+{
+    enum { BLOCK = POINTS_PER_UNDULATION_BLOCK };
+    double share = BLOCK * f->lags[0], sum = 0.0;
+    for (int lag = 1; lag < BLOCK && lag < f->lag_count; lag++) share += 2.0 * (BLOCK - lag) * f->lags[lag];
+    share /= BLOCK * BLOCK;
+    Py_ssize_t kept = 0;
+    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++)
+        if (f->keep[i]) f->work[kept++] = f->residuals[i];
+    const Py_ssize_t blocks = kept / BLOCK, start = (kept - blocks * BLOCK) / 2;
+    if (blocks < FEWEST_UNDULATION_BLOCKS) return 0.0;
+    for (Py_ssize_t b = 0; b < blocks; b++) {
+        double mean = 0.0;
+        for (int i = 0; i < BLOCK; i++) mean += f->work[start + b * BLOCK + i];
+        sum += mean / BLOCK * (mean / BLOCK);
+    }
+    const double free_count = larger((double)(blocks - (2 + f->curved[j])), 1.0);
+    const double variance = sum / free_count, expected = side_noise_variance(f, j) * share;
+    if (!(variance > expected * (1 + SIGNIFICANT_SIGMAS * sqrt(2 / free_count)))) return 0.0;
+    return sqrt((variance - expected) * (1 + 4 / (double)blocks));
+}
+
+static double median_high(const double *v, Py_ssize_t n, double *work)
+{
+    memcpy(work, v, (size_t)n * sizeof(double));
+    return select_rank(work, n, n / 2);
+}
+
+static double median_of_few(const double *v, Py_ssize_t n)
+{
+    double work[MOST_SIDES];
+    const double high = median_high(v, n, work);
+    return n % 2 ? high : 0.5 * (high + select_rank(work, n, n / 2 - 1));
+}
+
+static int has_jump(const double *v, Py_ssize_t n)
+{
+    double before = 0.0;
+    for (Py_ssize_t i = 0; i + 2 < n; i++) {
+        const double a = v[i], b = v[i + 1], c = v[i + 2];
+        const double middle = larger(smaller(a, b), smaller(larger(a, b), c));
+        if (i && fabs(middle - before) > LARGEST_STEP_ON_SURFACE) return 1;
+        before = middle;
+    }
+    return 0;
+}
+
+static void departures_beside_corners(const Fitted *f, double found[][2])
+{
+    double ratio[MOST_SIDES][2];
+    int significant[MOST_SIDES][2];
+    double *inward = f->work, *sorted = f->work + f->n;
+    for (Py_ssize_t i = 0; i < f->k - 1; i++)
+        for (int j = 0; j < 2; j++) {
+            const Py_ssize_t a = f->edges[i + j], b = f->edges[i + j + 1];
+            const Py_ssize_t most = b - a < FEWEST_BESIDE_CORNER + 2 ? b - a : FEWEST_BESIDE_CORNER + 2;
+            const double s = f->places[2 * i + j], sigma = sqrt(side_noise_variance(f, i + j));
+            double farthest = 0.0;
+            for (Py_ssize_t p = 0; p < most; p++)
+                farthest = larger(farthest, fabs(f->along[j ? a + p : b - 1 - p] - s));
+            const double reach = smaller(larger(CORNER_NEIGHBOURHOOD, farthest), 2 * CORNER_NEIGHBOURHOOD);
+            Py_ssize_t n = 0;
+            /* Before the corner the row ends at it, after it the row begins there. */
+            for (Py_ssize_t p = 0; p < b - a; p++) {
+                const Py_ssize_t at = j ? a + p : b - 1 - p;
+                if (fabs(f->residuals[at]) < LEAST_REFLECTION_OFFSET && fabs(f->along[at] - s) <= reach)
+                    inward[n++] = f->residuals[at];
+            }
+            found[i][j] = ratio[i][j] = 0.0;
+            significant[i][j] = 0;
+            if (n < FEWEST_BESIDE_CORNER || has_jump(inward, n)) continue;
+            const double inner = median_high(inward, n / 2, sorted);
+            const double outer = median_high(inward + n / 2, n - n / 2, sorted);
+            if (fabs(outer) > fabs(inner) + SIGNIFICANT_SIGMAS * sigma) continue;
+            found[i][j] = median_high(inward, n, sorted);
+            ratio[i][j] = found[i][j] / (_MEDIAN_OVER_MEAN * sigma * sqrt(smaller(1.0, f->inflation / (double)n)));
+            significant[i][j] = fabs(ratio[i][j]) > SIGNIFICANT_SIGMAS;
+        }
+    for (Py_ssize_t k = 1; k < f->k - 1; k++) {
+        const double a = ratio[k - 1][0], b = ratio[k][1];
+        if (f->sides[k].bead && a < 0 && b < 0 && a + b < -SIGNIFICANT_SIGMAS * sqrt(2.0))
+            significant[k - 1][0] = significant[k][1] = 1;
+    }
+    for (Py_ssize_t i = 0; i < f->k - 1; i++)
+        for (int j = 0; j < 2; j++)
+            if (!significant[i][j]) found[i][j] = 0.0;
+}
+
+static double sine_with_ray(const Curve *c, double s)
+{
+    const double slope = curve_slope(c, s), scale = 1 / hypot(1.0, slope);
+    const double tx = (c->tx + slope * c->tz) * scale, tz = (c->tz - slope * c->tx) * scale;
+    double x, z;
+    point_on_curve(c, s, &x, &z);
+    return larger(fabs(x * tz - z * tx) / hypot(x, z), LEAST_RAY_SINE);
+}
+
+static void patch_sigmas(const Fitted *f, double *found)
+{
+    double along[MOST_SIDES];
+    for (Py_ssize_t i = 0; i < f->k; i++) along[i] = f->sigmas[i] / sine_with_ray(&f->curves[i], f->middles[i]);
+    const double usual = median_of_few(along, f->k);
+    for (Py_ssize_t i = 0; i < f->k; i++) {
+        double square = 0.0, close = 0.0, off = 0.0;
+        for (Py_ssize_t p = f->edges[i] + CORNER_POINTS; p < f->edges[i + 1] - CORNER_POINTS; p++) {
+            const double size = fabs(f->residuals[p]);
+            if (!(size < PATCH_REACH)) continue;
+            close += 1;
+            off += size > PATCH_SIGMAS * f->sigmas[i];
+            square += size * size;
+        }
+        found[i] = 0.0;
+        if (close < FEWEST_PATCH_POINTS) continue;
+        if (off / close > PATCHED_SHARE || along[i] > ROUGH_SIDE_FACTOR * usual) found[i] = sqrt(square / close);
+    }
+}
+
+static void mark_points_on_sides(const Fitted *f)
+{
+    const double close = OUTLIER_SIGMAS * larger(median_of_few(f->sigmas, f->k), LEAST_NOISE);
+    for (Py_ssize_t i = 0; i < f->n; i++) f->on[i] = f->keep[i] || fabs(f->residuals[i]) < close;
+}
+
+/* end_of_support of n points from the first on, or from the last back. */
+static Py_ssize_t end_of_support(const uint8_t *on, Py_ssize_t n, int step)
+{
+    for (Py_ssize_t i = n - 1; i >= 0; i--) {
+        int near = 0;
+        for (Py_ssize_t p = i - SUPPORT_NEIGHBOURS; p <= i + SUPPORT_NEIGHBOURS; p++)
+            near += p >= 0 && p < n && on[step * p];
+        if (near > SUPPORT_NEIGHBOURS) return i + 1;
+    }
+    return 0;
+}
+
+static void gaps_beside_corners(const Fitted *f, double found[][2])
+{
+    mark_points_on_sides(f);
+    for (Py_ssize_t i = 0; i < f->k - 1; i++)
+        for (int j = 0; j < 2; j++) {
+            const Py_ssize_t a = f->edges[i + j], n = f->edges[i + j + 1] - a, from = j ? a + n - 1 : a;
+            const int step = j ? -1 : 1;
+            Py_ssize_t dense = end_of_support(f->on + from, n, step);
+            found[i][j] = INFINITY;
+            for (Py_ssize_t p = 0; p < (dense ? dense : n); p++)
+                if (f->on[from + step * p])
+                    found[i][j] = smaller(found[i][j], fabs(f->along[from + step * p] - f->places[2 * i + j]));
+        }
+}
+
+/* A flank of a notch as groove/interreflection.py has it. */
+typedef struct {
+    double cx, cz, tx, tz, limit, square;
+    double met[MOST_PULLS], bearing[MOST_PULLS];
+} Flank;
+
+/* What the points pay for each pull and shape, into `cost`; 0 if face and flanks are parallel. */
+static int pull_costs(
+    const Fitted *f, const Tried *tried, const Curve *face, const double places[2], double limit,
+    Flank flanks[2], Py_ssize_t a, Py_ssize_t b, const double *u, const double *const shapes[2], double *cost)
+{
+    const Py_ssize_t kinds = tried->reaches + tried->decays, count = b - a;
+    for (int w = 0; w < 2; w++) {
+        Flank *flank = &flanks[w];
+        double x, z;
+        point_on_curve(face, places[w], &x, &z);
+        const double slope = curve_slope(face, places[w]), scale = 1 / hypot(1.0, slope);
+        const double tx = (face->tx + slope * face->tz) * scale, tz = (face->tz - slope * face->tx) * scale;
+        const double cross = flank->tx * tz - flank->tz * tx;
+        if (fabs(cross) < LEAST_TURN_SINE) return 0;
+        const double met = (x - flank->cx) * tz - (z - flank->cz) * tx;
+        for (Py_ssize_t p = 0; p < tried->pulls; p++) {
+            flank->met[p] = (met + tried->pull[p] * (flank->cx / flank->cz * tz - tx)) / cross;
+            flank->bearing[p] = -(flank->cx + flank->met[p] * flank->tx) / (flank->cz + flank->met[p] * flank->tz);
+        }
+    }
+    double *own = f->work + f->n;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        const double s = position_along_chord(face, f->x[a + i], f->z[a + i]);
+        const double d = (f->x[a + i] - face->cx) * face->tz - (f->z[a + i] - face->cz) * face->tx;
+        const double off = (d - curve_height(face, s)) / limit;
+        own[i] = smaller(off * off, 1.0);
+    }
+    for (Py_ssize_t p = 0; p < tried->pulls; p++) {
+        if (!(flanks[0].bearing[p] < flanks[1].bearing[p])) {
+            for (Py_ssize_t r = 0; r < kinds; r++) cost[p * kinds + r] = INFINITY;
+            continue;
+        }
+        const Py_ssize_t first = search_sorted(u + a, count, flanks[0].bearing[p]);
+        const Py_ssize_t last = search_sorted(u + a, count, flanks[1].bearing[p]);
+        double face_pays = 0.0;
+        for (Py_ssize_t i = first; i < last; i++) face_pays += own[i];
+        for (Py_ssize_t r = 0; r < kinds; r++) {
+            double total = face_pays;
+            const int ends = r < tried->reaches;
+            const double length = ends ? tried->reach[r] : tried->decay[r - tried->reaches];
+            for (int w = 0; w < 2; w++) {
+                const Flank *flank = &flanks[w];
+                const double *inward = shapes[w], *behind = inward + count;
+                const double *one = behind + count + 2 * r * count, *other = one + count;
+                const Py_ssize_t begin = w ? last : 0, end = w ? count : first;
+                const double fuzz = PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank->limit * tried->pull[p];
+                /* Sums of angles and of exponents: cosines and exponentials are taken only once. */
+                const double ratio = flank->met[p] / length;
+                const double angle = ends ? ratio : smaller(larger(ratio, -LARGEST_EXPONENT), LARGEST_EXPONENT);
+                const double turn_1 = ends ? cos(Pi * angle) : exp(angle), turn_2 = ends ? sin(Pi * angle) : exp(-angle);
+                double product = 1.0, logs = 0.0, pays = 0.0;
+                for (Py_ssize_t i = begin; i < end; i++) {
+                    double share;
+                    if (ends)
+                        share = flank->met[p] - inward[i] >= length ? 0.0 : 0.5 + 0.5 * (turn_1 * one[i] + turn_2 * other[i]);
+                    else
+                        share = 2 / (turn_1 * one[i] + turn_2 * other[i]);
+                    const double fuzzy = fuzz * share * (fuzz * share);
+                    const double away = (behind[i] + flank->square * tried->pull[p] * share) / flank->limit;
+                    pays += smaller(away * away / (1 + fuzzy), 1.0);
+                    product *= 1 + fuzzy;
+                    if (product > 1e200) {
+                        logs += log(product);
+                        product = 1.0;
+                    }
+                }
+                total += pays + (logs + log(product)) / (OUTLIER_SIGMAS * OUTLIER_SIGMAS);
+            }
+            cost[p * kinds + r] = total;
+        }
+    }
+    return 1;
+}
+
+typedef struct {
+    double probability, inward[2], sigma[2];
+} Pull;
+
+/* find_pull; -1 without memory. */
+static int find_pull(const Fitted *f, const Tried *tried, const double *u, Py_ssize_t k, Pull *found)
+{
+    const Py_ssize_t kinds = tried->reaches + tried->decays, cells = tried->pulls * kinds;
+    const Curve *face = &f->curves[k];
+    const double places[2] = {f->places[2 * (k - 1) + 1], f->places[2 * k]}, none[2] = {0.0, 0.0};
+    double limits[MOST_SIDES];
+    memset(found, 0, sizeof *found);
+    for (Py_ssize_t j = 0; j < f->k; j++) limits[j] = OUTLIER_SIGMAS * larger(f->sigmas[j], LEAST_NOISE);
+    const double flat = limits[k], sag = -face->c2 * (places[1] - places[0]) * (places[1] - places[0]) / 4;
+    limits[k] = larger(flat, FACE_BLUNTNESS * fabs(sag));
+    Flank flanks[2];
+    Py_ssize_t range[2];
+    for (int w = 0; w < 2; w++) {
+        const Curve *curve = &f->curves[w ? k + 1 : k - 1];
+        const double s = w ? f->places[2 * k + 1] : f->places[2 * (k - 1)], sign = w ? -1.0 : 1.0;
+        const double slope = curve_slope(curve, s), scale = sign / hypot(1.0, slope);
+        double x, z;
+        point_on_curve(curve, s - sign * NOTCH_REGION_LENGTH, &x, &z);
+        range[w] = search_sorted(u, f->n, -x / z);
+        Flank *flank = &flanks[w];
+        point_on_curve(curve, s, &flank->cx, &flank->cz);
+        flank->tx = (curve->tx + slope * curve->tz) * scale;
+        flank->tz = (curve->tz - slope * curve->tx) * scale;
+        flank->limit = limits[w ? k + 1 : k - 1];
+        flank->square = fabs(flank->cx * flank->tz - flank->cz * flank->tx) / hypot(flank->cx, flank->cz);
+    }
+    const Py_ssize_t a = range[0], b = range[1] > a ? range[1] : a, count = b - a;
+    double *memory = malloc((size_t)(2 * (2 + 2 * kinds) * count + 11 * cells + 1) * sizeof(double));
+    if (!memory) return -1;
+    double *shapes[2] = {memory, memory + (2 + 2 * kinds) * count}, *costs = memory + 2 * (2 + 2 * kinds) * count;
+    for (int w = 0; w < 2; w++) {
+        const Curve *curve = &f->curves[w ? k + 1 : k - 1];
+        const Flank *flank = &flanks[w];
+        for (Py_ssize_t i = 0; i < count; i++) {
+            const double x = f->x[a + i], z = f->z[a + i], s = position_along_chord(curve, x, z);
+            const double inward = (flank->cz * x - flank->cx * z) / (flank->tx * z - flank->tz * x);
+            shapes[w][i] = inward;
+            shapes[w][count + i] = (x - curve->cx) * curve->tz - (z - curve->cz) * curve->tx - curve_height(curve, s);
+            for (Py_ssize_t r = 0; r < kinds; r++) {
+                double *one = shapes[w] + (2 + 2 * r) * count, *other = one + count;
+                const int ends = r < tried->reaches;
+                const double ratio = inward / (ends ? tried->reach[r] : tried->decay[r - tried->reaches]);
+                const double angle = ends ? ratio : smaller(larger(ratio, -LARGEST_EXPONENT), LARGEST_EXPONENT);
+                one[i] = ends ? cos(Pi * angle) : exp(-angle);
+                other[i] = ends ? sin(Pi * angle) : exp(angle);
+            }
+        }
+    }
+    double now = 0.0;
+    Py_ssize_t owner = 0, lines = 0, faced = 0;
+    int64_t *on_face = (int64_t *)f->work; /* its points */
+    for (Py_ssize_t i = a; i < b; i++) {
+        while (i >= f->edges[owner + 1]) owner++;
+        const double off = f->residuals[i] / limits[owner];
+        now += smaller(off * off, 1.0);
+        if (owner == k) on_face[faced++] = i;
+    }
+    double met[11][2][MOST_PULLS];
+    const double *const known[2] = {shapes[0], shapes[1]};
+    for (int line = 0; line < (sag > flat && faced >= FEWEST_FACE_POINTS ? 11 : 1); line++) {
+        static const double FACE_POINT_SHARES[5] = {0.15, 0.35, 0.5, 0.65, 0.85};
+        Curve own = *face;
+        if (line) {
+            int first = 0, second = line; /* the pairs of five points in their order */
+            while (second > 4 - first) second -= 4 - first++;
+            second += first;
+            const int64_t p = on_face[(Py_ssize_t)rint(FACE_POINT_SHARES[first] * (double)(faced - 1))];
+            const int64_t q = on_face[(Py_ssize_t)rint(FACE_POINT_SHARES[second] * (double)(faced - 1))];
+            const double dx = f->x[q] - f->x[p], dz = f->z[q] - f->z[p], length = hypot(dx, dz);
+            const Curve straight = {f->x[p], f->z[p], dx / length, dz / length, 0.0, 0.0, 0.0, 0.0};
+            own = straight;
+        }
+        if (!pull_costs(f, tried, &own, line ? none : places, line ? flat : limits[k], flanks, a, b, u, known,
+                        costs + lines * cells))
+            continue;
+        for (int w = 0; w < 2; w++) memcpy(met[lines][w], flanks[w].met, sizeof flanks[w].met);
+        lines++;
+    }
+    double total = 0.0, mean[2] = {0.0, 0.0}, square[2] = {0.0, 0.0}, allowed = 0.0;
+    for (Py_ssize_t c = 0; c < cells; c++) allowed += tried->smooth[c];
+    for (Py_ssize_t line = 0; line < lines; line++)
+        for (Py_ssize_t c = 0; c < cells; c++) {
+            if (!tried->smooth[c]) continue;
+            const double cost = costs[line * cells + c];
+            const double weight = exp((now - cost) * OUTLIER_SIGMAS * OUTLIER_SIGMAS / 2 / f->inflation);
+            if (weight == 0) continue;
+            total += weight;
+            for (int w = 0; w < 2; w++) {
+                const double inward = met[line][w][c / kinds];
+                mean[w] += weight * inward;
+                square[w] += weight * inward * inward;
+            }
+        }
+    free(memory);
+    const double odds = lines ? PULL_PRIOR_ODDS * total / ((double)lines * allowed) : 0.0;
+    if (!(odds >= 1e-4)) return 0;
+    found->probability = odds / (1 + odds);
+    for (int w = 0; w < 2; w++) {
+        found->inward[w] = mean[w] / total;
+        found->sigma[w] = sqrt(larger(square[w] / total - found->inward[w] * found->inward[w], 0.0));
+    }
+    return 0;
+}
+
+static void tangent_at(const Curve *c, double s, double *tx, double *tz)
+{
+    const double slope = curve_slope(c, s), scale = 1 / hypot(1.0, slope);
+    *tx = (c->tx + slope * c->tz) * scale;
+    *tz = (c->tz - slope * c->tx) * scale;
+}
+
+/* estimate_shape_errors; 0 without memory. */
+static int shape_errors(const Fitted *f, const Tried *tried, const double *u, double shift[][2], double sigma[][2])
+{
+    double gaps[MOST_SIDES][2], unseen[MOST_SIDES][2], slow[MOST_SIDES], patches[MOST_SIDES];
+    const Py_ssize_t corners = f->k - 1;
+    departures_beside_corners(f, shift);
+    for (Py_ssize_t i = 0; i < corners; i++)
+        for (int j = 0; j < 2; j++) {
+            shift[i][j] *= 0.5;
+            sigma[i][j] = fabs(shift[i][j]);
+        }
+    for (Py_ssize_t k = 1; k < corners; k++) {
+        if (!f->sides[k].bead) continue;
+        Pull pull;
+        if (find_pull(f, tried, u, k, &pull) < 0) return 0;
+        const double probability = PULL_PROBABILITY * pull.probability;
+        for (int i = 0; i < 2; i++)
+            for (int j = 0; j < 2; j++) {
+                double pulled_shift = 0.0, pulled_sigma = 0.0;
+                const Py_ssize_t c = k - 1 + i;
+                if (j == 1 - i) { /* _errors_if_pulled_in */
+                    double ax, az, bx, bz;
+                    tangent_at(&f->curves[c], f->places[2 * c], &ax, &az);
+                    tangent_at(&f->curves[c + 1], f->places[2 * c + 1], &bx, &bz);
+                    const double slope = curve_slope(&f->curves[k], f->places[2 * c + 1 - i]);
+                    const double lower = (ax * bz - az * bx) * hypot(1.0, slope), inward = pull.inward[i];
+                    const double square = probability * (pull.sigma[i] * pull.sigma[i] + inward * inward)
+                                          - probability * inward * (probability * inward);
+                    pulled_shift = probability * inward * lower;
+                    pulled_sigma = sqrt(square) * lower;
+                }
+                shift[c][j] = (1 - pull.probability) * shift[c][j] + pulled_shift;
+                sigma[c][j] = hypot((1 - pull.probability) * sigma[c][j], pulled_sigma);
+            }
+    }
+    patch_sigmas(f, patches);
+    for (Py_ssize_t j = 0; j < f->k; j++) slow[j] = hypot(undulation_sigma(f, j), patches[j]);
+    gaps_beside_corners(f, gaps);
+    for (Py_ssize_t i = 0; i < corners; i++)
+        for (int j = 0; j < 2; j++) {
+            const Py_ssize_t side = i + j;
+            unseen[i][j] = 0.0;
+            if (side > 0 && side < corners) { /* _unseen_side_shares */
+                const double length = fabs(f->places[2 * side] - f->places[2 * (side - 1) + 1]);
+                unseen[i][j] = sqrt(smaller(gaps[i][j] / larger(length, 1e-9), 1.0));
+            }
+            const double beyond = larger(gaps[i][j] - CORNER_NEIGHBOURHOOD, 0.0);
+            sigma[i][j] = hypot(hypot(sigma[i][j], slow[side]), UNSEEN_SIDE_SLOPE * beyond * unseen[i][j]);
+        }
+    for (Py_ssize_t k = 1; k < corners; k++) {
+        if (!f->sides[k].bead) continue;
+        const double length = f->places[2 * k] - f->places[2 * (k - 1) + 1], bend = fabs(f->curves[k].c2);
+        const double bow = bend * length * length / 4, slope = UNSEEN_FACE_SLOPE + bend * length / 2;
+        for (int i = 0; i < 2; i++) {
+            const Py_ssize_t c = k - 1 + i;
+            const double beyond = larger(gaps[c][1 - i] - PATCH_REACH, 0.0) * unseen[c][1 - i];
+            sigma[c][1 - i] = hypot(sigma[c][1 - i], hypot(FACE_END_SHARE * bow, slope * beyond));
+        }
+    }
+    return 1;
+}
+
+/* correlated_normal_matrices of powers of s / 20 mm, of one side. */
+static void correlated_normal_matrix(const Fitted *f, Py_ssize_t j, double m[16])
+{
+    int64_t first = INT64_MAX, last = INT64_MIN;
+    memset(m, 0, 16 * sizeof(double));
+    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++)
+        if (f->keep[i]) {
+            first = f->columns[i] < first ? f->columns[i] : first;
+            last = f->columns[i] > last ? f->columns[i] : last;
+        }
+    const Py_ssize_t room = (Py_ssize_t)(last - first + 1), row = room + 2 * LONGEST_LAG;
+    double *grid = f->work, *smooth = f->work + 4 * (f->column_count + 2 * LONGEST_LAG);
+    memset(grid, 0, (size_t)(4 * row) * sizeof(double));
+    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++) {
+        if (!f->keep[i]) continue;
+        double *at = grid + LONGEST_LAG + (f->columns[i] - first);
+        const double v = f->along[i] / SCALING_LENGTH;
+        at[0] = 1.0;
+        at[row] = v;
+        at[2 * row] = v * v;
+        at[3 * row] = v * v * v;
+    }
+    for (int a = 0; a < 4; a++) {
+        const double *from = grid + a * row + LONGEST_LAG;
+        for (Py_ssize_t i = 0; i < room; i++) smooth[i] = f->lags[0] * from[i];
+        for (Py_ssize_t lag = 1; lag < f->lag_count; lag++) {
+            const double share = f->lags[lag];
+            for (Py_ssize_t i = 0; i < room; i++) smooth[i] += share * (from[i - lag] + from[i + lag]);
+        }
+        for (int b = 0; b <= a; b++) {
+            const double *other = grid + b * row + LONGEST_LAG;
+            double sum = 0.0;
+            for (Py_ssize_t i = 0; i < room; i++) sum += other[i] * smooth[i];
+            m[4 * a + b] = m[4 * b + a] = sum;
+        }
+    }
+}
+
+/* _sandwich_covariance, added with a weight. */
+static void add_sandwich(
+    const double *inverse, const double *meat, const double *weight, const Side *side, double share, double *total)
+{
+    const double spread[2] = {side->bend, side->twist};
+    double inner[16], half[16] = {0.0};
+    memcpy(inner, meat, sizeof inner);
+    for (int a = 0; a < 2; a++) {
+        const double doubt = weight[2 + a] < FIXED_WEIGHT ? weight[2 + a] * spread[a] : 0.0;
+        inner[5 * (2 + a)] += doubt * doubt;
+    }
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++)
+            for (int c = 0; c < 4; c++) half[4 * a + b] += inverse[4 * a + c] * inner[4 * c + b];
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++)
+            for (int c = 0; c < 4; c++) total[4 * a + b] += share * half[4 * a + c] * inverse[4 * c + b];
+}
+
+/* _coefficient_covariances of one side; 0 if its equations are singular. */
+static int coefficient_covariance(const Fitted *f, Py_ssize_t j, double total[16])
+{
+    const Side *side = &f->sides[j];
+    const Curve *curve = &f->curves[j];
+    const double variance = side_noise_variance(f, j), *weight = f->weight + 4 * j;
+    const double powers[4] = {1.0, SCALING_LENGTH, SCALING_LENGTH * SCALING_LENGTH,
+                              SCALING_LENGTH * SCALING_LENGTH * SCALING_LENGTH};
+    const double here[4] = {curve->c0, curve->c1, curve->c2, curve->c3};
+    double meat[16], share = 0.0;
+    correlated_normal_matrix(f, j, meat);
+    for (int i = 0; i < 16; i++) meat[i] *= variance;
+    memset(total, 0, 16 * sizeof(double));
+    if (f->straight && side->bend > 0)
+        share = 1 / (1 + exp(f->curved[j] ? -f->straight[j] : f->straight[j]));
+    add_sandwich(f->inverse + 16 * j, meat, weight, side, 1 - share, total);
+    if (f->straight) {
+        double other[4] = {0.0, 0.0, FIXED_WEIGHT, FIXED_WEIGHT}, matrix[16], inverse[16], away[4];
+        const double spread[2] = {side->bend, side->twist}, noted = larger(f->sigmas[j], LEAST_NOISE);
+        for (int a = 0; a < 2; a++)
+            if (side->bend > 0 && !f->curved[j] && spread[a] > 0)
+                other[2 + a] = f->inflation * noted * noted / (spread[a] * spread[a]);
+        memcpy(matrix, f->matrix + 16 * j, sizeof matrix);
+        for (int a = 0; a < 4; a++) matrix[5 * a] += other[a];
+        if (!invert(matrix, inverse)) return 0;
+        for (int a = 0; a < 4; a++) {
+            double there = 0.0;
+            for (int b = 0; b < 4; b++) {
+                const double expected = b == 2 && other[b] < FIXED_WEIGHT ? other[b] * side->expected_bend : 0.0;
+                there += inverse[4 * a + b] * (f->rhs[4 * j + b] + expected);
+            }
+            away[a] = there - powers[a] * here[a];
+        }
+        add_sandwich(inverse, meat, other, side, share, total);
+        for (int a = 0; a < 4; a++)
+            for (int b = 0; b < 4; b++) total[4 * a + b] += share * away[a] * away[b];
+    }
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++) total[4 * a + b] /= powers[a] * powers[b];
+    return 1;
+}
+
+/* corner_estimates into corners and covariance; 1 if it is done, 0 if it is singular, -1 without memory. */
+static int estimate_corners(const Fitted *f, const Tried *tried, const double *u, double *corners, double *covariance)
+{
+    const Py_ssize_t k = f->k, size = 2 * k;
+    double jacobian[2 * MOST_SIDES][4 * MOST_SIDES], shift[MOST_SIDES][2], sigma[MOST_SIDES][2];
+    memset(jacobian, 0, sizeof jacobian);
+    for (Py_ssize_t i = 0; i < k - 1; i++) {
+        double t[2][2], w[2];
+        for (int j = 0; j < 2; j++) {
+            const double s = f->places[2 * i + j];
+            tangent_at(&f->curves[i + j], s, &t[j][0], &t[j][1]);
+            /* Heights count along the chord's normal, 1 / cos of the slope farther. */
+            w[j] = 1.0 / hypot(1.0, curve_slope(&f->curves[i + j], s));
+        }
+        const double det = t[0][0] * t[1][1] - t[0][1] * t[1][0];
+        for (int v = 0; v < 2; v++)
+            for (int j = 0; j < 2; j++) {
+                const double s = f->places[2 * i + j], factor = (j ? t[0][v] : -t[1][v]) * w[j] / det;
+                double *row = jacobian[2 * i + v] + 4 * (i + j);
+                row[0] = factor;
+                row[1] = factor * s;
+                row[2] = factor * (s * s);
+                row[3] = factor * (s * s * s);
+            }
+    }
+    for (int end = 0; end < 2; end++) {
+        const Py_ssize_t side = end ? k - 1 : 0, corner = end ? k - 2 : 0;
+        const double s = f->places[2 * corner + end], slope = curve_slope(&f->curves[side], s);
+        const double turned = -1.0 / (1.0 + slope * slope);
+        const double bend = turned * (2 * f->curves[side].c2 + 6 * s * f->curves[side].c3);
+        double *row = jacobian[2 * k - 2 + end];
+        row[4 * side + 1] = turned;
+        row[4 * side + 2] = 2 * s * turned;
+        row[4 * side + 3] = 3 * s * s * turned;
+        for (Py_ssize_t c = 0; c < 4 * k; c++)
+            row[c] += bend * (f->curves[side].tx * jacobian[2 * corner][c] + f->curves[side].tz * jacobian[2 * corner + 1][c]);
+    }
+    memset(covariance, 0, (size_t)(size * size) * sizeof(double));
+    for (Py_ssize_t j = 0; j < k; j++) {
+        double own[16];
+        if (!coefficient_covariance(f, j, own)) return 0;
+        for (Py_ssize_t a = 0; a < size; a++) {
+            double half[4] = {0.0};
+            const double *row = jacobian[a] + 4 * j;
+            if (row[0] == 0 && row[1] == 0) continue;
+            for (int c = 0; c < 4; c++)
+                for (int d = 0; d < 4; d++) half[d] += row[c] * own[4 * c + d];
+            for (Py_ssize_t b = 0; b < size; b++)
+                for (int d = 0; d < 4; d++) covariance[a * size + b] += half[d] * jacobian[b][4 * j + d];
+        }
+    }
+    if (!shape_errors(f, tried, u, shift, sigma)) return -1;
+    memcpy(corners, f->corners, (size_t)(2 * (k - 1)) * sizeof(double));
+    for (Py_ssize_t i = 0; i < k - 1; i++)
+        for (int j = 0; j < 2; j++) {
+            if (sigma[i][j] == 0) continue;
+            const double move[2] = {jacobian[2 * i][4 * (i + j)], jacobian[2 * i + 1][4 * (i + j)]};
+            for (int a = 0; a < 2; a++) {
+                corners[2 * i + a] += shift[i][j] * move[a];
+                for (int b = 0; b < 2; b++)
+                    covariance[(2 * i + a) * size + 2 * i + b] += sigma[i][j] * sigma[i][j] * move[a] * move[b];
+            }
+        }
+    return 1;
+}
+
+static PyObject *corner_estimates(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "ddiddddddbibddddiddddddbdDD";
+    enum {
+        X, Z, COLUMN, CURVE, PLACE, CORNER, ALONG, RESIDUAL, SIGMA, KEEP, EDGE, CURVED, MATRIX, RHS, INVERSE,
+        WEIGHT, COUNT, MIDDLE, LAG, STRAIGHT, PULL, REACH, DECAY, SMOOTH, MODEL, ESTIMATE, COVARIANCE, ARRAYS
+    };
+    Py_buffer v[ARRAYS];
+    (void)self;
+    if (given != ARRAYS + 2) return PyErr_Format(PyExc_TypeError, "corner_estimates takes 29 arguments");
+    const double inflation = PyFloat_AsDouble(args[ARRAYS]);
+    const Py_ssize_t column_count = PyLong_AsSsize_t(args[ARRAYS + 1]);
+    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[X]), k = count_of(&v[CURVE]) / SIDE_VALUES, straight = count_of(&v[STRAIGHT]);
+    const Tried tried = {count_of(&v[PULL]), count_of(&v[REACH]), count_of(&v[DECAY]), v[PULL].buf, v[REACH].buf,
+                         v[DECAY].buf, v[SMOOTH].buf};
+    const Py_ssize_t sizes[ARRAYS] = {
+        n, n, n, SIDE_VALUES * k, 2 * (k - 1), 2 * (k - 1), n, n, k, n, k + 1, k, 16 * k, 4 * k, 16 * k, 4 * k, k, k,
+        count_of(&v[LAG]), straight ? k : 0, tried.pulls, tried.reaches, tried.decays,
+        tried.pulls * (tried.reaches + tried.decays), MODEL_VALUES * k, 2 * (k - 1), 4 * k * k};
+    int sound = k >= 2 && k <= MOST_SIDES && column_count >= 0 && tried.pulls <= MOST_PULLS && sizes[LAG] > 0
+                && sizes[LAG] <= LONGEST_LAG;
+    for (int i = 0; i < ARRAYS; i++) sound = sound && count_of(&v[i]) == sizes[i];
+    const int64_t *columns = v[COLUMN].buf, *edges = v[EDGE].buf;
+    for (Py_ssize_t i = 0; sound && i < n; i++) sound = columns[i] >= 0 && columns[i] < column_count;
+    for (Py_ssize_t j = 0; sound && j < k; j++) sound = edges[j] >= 0 && edges[j] < edges[j + 1];
+    sound = sound && edges[0] == 0 && edges[k] == n;
+    Fitted f;
+    if (sound) {
+        const Fitted given_fit = {n, k, sizes[LAG], column_count, v[X].buf, v[Z].buf, v[ALONG].buf, v[RESIDUAL].buf,
+                                  v[PLACE].buf, v[CORNER].buf, v[SIGMA].buf, v[MIDDLE].buf, v[LAG].buf,
+                                  straight ? v[STRAIGHT].buf : NULL, v[MATRIX].buf, v[RHS].buf, v[INVERSE].buf,
+                                  v[WEIGHT].buf, columns, edges, v[COUNT].buf, v[KEEP].buf, v[CURVED].buf,
+                                  v[CURVE].buf, inflation, {{0}}, NULL, NULL};
+        f = given_fit;
+        sound = read_sides(v[MODEL].buf, k, f.sides);
+    }
+    const size_t room = (size_t)(5 * (column_count + 2 * LONGEST_LAG) + 3 * n);
+    double *memory = sound ? malloc((room + (size_t)n) * sizeof(double)) : NULL;
+    int done = -2;
+    if (memory) {
+        double *u = memory + room - n;
+        f.work = memory;
+        f.on = (uint8_t *)(memory + room);
+        for (Py_ssize_t i = 0; i < n; i++) u[i] = -f.x[i] / f.z[i];
+        done = estimate_corners(&f, &tried, u, v[ESTIMATE].buf, v[COVARIANCE].buf);
+    }
+    free(memory);
+    close_arrays(letters, v);
+    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of corners do not match");
+    return done < 0 ? PyErr_NoMemory() : PyBool_FromLong(done);
+}
+
+/* ---- what a fit is judged by: groove/search.py, groove/reflections.py; points in order: read.py ---- */
+
+/* Whether edges divide n points into k sides, none of them empty. */
+static int are_edges(const Py_buffer *view, Py_ssize_t n)
+{
+    const int64_t *edges = view->buf;
+    const Py_ssize_t k = count_of(view) - 1;
+    int sound = k >= 2 && k <= MOST_SIDES && edges[0] == 0 && edges[k] == n;
+    for (Py_ssize_t j = 0; sound && j < k; j++) sound = edges[j] < edges[j + 1];
+    return sound;
+}
+
+/* _costs_of_points_on_sides */
+static PyObject *costs_of_points(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "diddD";
+    Py_buffer v[5];
+    (void)self;
+    if (given != 6) return PyErr_Format(PyExc_TypeError, "costs_of_points takes 6 arguments");
+    const double tolerance = PyFloat_AsDouble(args[5]);
+    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[1]) - 1;
+    const int sound = are_edges(&v[1], n) && count_of(&v[2]) == k && count_of(&v[3]) == MODEL_VALUES * k
+                      && count_of(&v[4]) == n;
+    if (sound) {
+        const double *residuals = v[0].buf, *sigmas = v[2].buf, *model = v[3].buf;
+        const int64_t *edges = v[1].buf;
+        double *costs = v[4].buf;
+        for (Py_ssize_t j = 0; j < k; j++) {
+            const double rough = larger(model[MODEL_VALUES * j + 3], tolerance);
+            const double reach = smaller(larger(ROUGH_REACH_SIGMAS * sigmas[j], tolerance), rough);
+            const double less = WIDER_TOLERANCE_COST * log(reach / tolerance);
+            for (int64_t i = edges[j]; i < edges[j + 1]; i++) {
+                const double scaled = residuals[i] / reach;
+                costs[i] = smaller(scaled * scaled + less, 1.0);
+            }
+        }
+    }
+    close_arrays(letters, v);
+    return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of costs do not match");
+}
+
+/* _points_beside_corners */
+static PyObject *points_beside_corners(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "dbidB";
+    Py_buffer v[5];
+    (void)self;
+    if (given != 5) return PyErr_Format(PyExc_TypeError, "points_beside_corners takes 5 arguments");
+    if (open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[2]) - 1;
+    const int sound = are_edges(&v[2], n) && count_of(&v[1]) == n && count_of(&v[3]) == 2 * (k - 1)
+                      && count_of(&v[4]) == 2 * (k - 1);
+    if (sound) {
+        const double *along = v[0].buf, *places = v[3].buf;
+        const uint8_t *keep = v[1].buf;
+        const int64_t *edges = v[2].buf;
+        uint8_t *seen = v[4].buf;
+        for (Py_ssize_t c = 0; c < 2 * (k - 1); c++) {
+            const Py_ssize_t side = (c + 1) / 2;
+            int count = 0;
+            for (int64_t i = edges[side]; i < edges[side + 1]; i++)
+                count += keep[i] && fabs(along[i] - places[c]) < CORNER_POINT_DISTANCE;
+            seen[c] = count >= FEWEST_AT_CORNER;
+        }
+    }
+    close_arrays(letters, v);
+    return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
+}
+
+static PyObject *undulation_sigmas(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "dbidibdD";
+    Py_buffer v[8];
+    (void)self;
+    if (given != 9) return PyErr_Format(PyExc_TypeError, "undulation_sigmas takes 9 arguments");
+    const double inflation = PyFloat_AsDouble(args[8]);
+    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[2]) - 1;
+    const int sound = are_edges(&v[2], n) && count_of(&v[1]) == n && count_of(&v[3]) == k && count_of(&v[4]) == k
+                      && count_of(&v[5]) == k && count_of(&v[6]) > 0 && count_of(&v[7]) == k;
+    double *work = sound ? malloc((size_t)n * sizeof(double)) : NULL;
+    if (work) {
+        Fitted f;
+        memset(&f, 0, sizeof f);
+        f.k = k;
+        f.residuals = v[0].buf;
+        f.keep = v[1].buf;
+        f.edges = v[2].buf;
+        f.sigmas = v[3].buf;
+        f.counts = v[4].buf;
+        f.curved = v[5].buf;
+        f.lags = v[6].buf;
+        f.lag_count = count_of(&v[6]);
+        f.inflation = inflation;
+        f.work = work;
+        for (Py_ssize_t j = 0; j < k; j++) ((double *)v[7].buf)[j] = undulation_sigma(&f, j);
+    }
+    free(work);
+    close_arrays(letters, v);
+    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
+    return work ? Py_NewRef(Py_None) : PyErr_NoMemory();
+}
+
+static PyObject *sides_that_meet(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "ddbiddB";
+    Py_buffer v[7];
+    (void)self;
+    if (given != 7) return PyErr_Format(PyExc_TypeError, "sides_that_meet takes 7 arguments");
+    if (open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[3]) - 1;
+    const int sound = are_edges(&v[3], n) && count_of(&v[1]) == n && count_of(&v[2]) == n
+                      && count_of(&v[4]) == 2 * (k - 1) && count_of(&v[5]) == k && count_of(&v[6]) == k - 1;
+    if (sound) {
+        const double *along = v[0].buf, *residuals = v[1].buf, *places = v[4].buf;
+        const uint8_t *keep = v[2].buf;
+        const int64_t *edges = v[3].buf;
+        const double close = OUTLIER_SIGMAS * larger(median_of_few(v[5].buf, k), LEAST_NOISE);
+        for (Py_ssize_t c = 0; c < k - 1; c++) {
+            int64_t nearest[2] = {0, 0};
+            double farthest = 0.0;
+            int seen[2] = {0, 0};
+            for (int way = 0; way < 2; way++) {
+                const int64_t stop = way ? edges[c + 2] : edges[c] - 1, step = way ? 1 : -1;
+                for (int64_t i = way ? edges[c + 1] : edges[c + 1] - 1; i != stop && seen[way] < FEWEST_MEETING; i += step) {
+                    if (!keep[i] && !(fabs(residuals[i]) < close)) continue;
+                    nearest[way] = seen[way]++ ? nearest[way] : i;
+                    farthest = larger(farthest, fabs(along[i] - places[2 * c + way]));
+                }
+            }
+            ((uint8_t *)v[6].buf)[c] = seen[0] == FEWEST_MEETING && seen[1] == FEWEST_MEETING
+                                       && nearest[1] - nearest[0] - 1 < FEWEST_HIDING && farthest < MEETING_REACH;
+        }
+    }
+    close_arrays(letters, v);
+    return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
+}
+
+typedef struct {
+    double u;
+    int64_t column;
+} Bearing;
+
+static int compare_bearings(const void *a, const void *b)
+{
+    const Bearing *x = a, *y = b;
+    if (x->u != y->u) return x->u < y->u ? -1 : 1;
+    return (x->column > y->column) - (x->column < y->column);
+}
+
+/* Columns of the valid points in the order of their bearings; how many there are. */
+static Py_ssize_t order(const double *x, const double *z, Py_ssize_t n, double *work, int64_t *columns)
+{
+    Bearing *bearings = (Bearing *)work;
+    Py_ssize_t count = 0, rising = 1, falling = 1;
+    for (Py_ssize_t i = 0; i < n; i++)
+        if (isfinite(x[i]) && isfinite(z[i]) && z[i] > 0) work[count++] = z[i];
+    if (!count) return 0;
+    double middle = select_rank(work, count, count / 2);
+    if (count % 2 == 0) {
+        double before = work[0];
+        for (Py_ssize_t i = 1; i < count / 2; i++) before = larger(before, work[i]);
+        middle = 0.5 * (before + middle);
+    }
+    const double farthest = FARTHEST_POINT_RATIO * middle;
+    count = 0;
+    for (Py_ssize_t i = 0; i < n; i++) {
+        if (!(isfinite(x[i]) && z[i] > 0 && z[i] < farthest && fabs(x[i]) < farthest)) continue;
+        const Bearing own = {-x[i] / z[i], i};
+        rising &= !count || bearings[count - 1].u <= own.u;
+        falling &= !count || bearings[count - 1].u > own.u;
+        bearings[count++] = own;
+    }
+    if (!rising && !falling) qsort(bearings, (size_t)count, sizeof(Bearing), compare_bearings);
+    for (Py_ssize_t i = 0; i < count; i++) columns[i] = bearings[falling && !rising ? count - 1 - i : i].column;
+    return count;
+}
+
+static PyObject *order_points(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "ddDI";
+    Py_buffer v[4];
+    (void)self;
+    if (given != 4) return PyErr_Format(PyExc_TypeError, "order_points takes 4 arguments");
+    if (open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]);
+    const int sound = count_of(&v[1]) == n && count_of(&v[2]) == 2 * n && count_of(&v[3]) == n;
+    const Py_ssize_t count = sound ? order(v[0].buf, v[1].buf, n, v[2].buf, v[3].buf) : 0;
+    close_arrays(letters, v);
+    return sound ? PyLong_FromSsize_t(count) : PyErr_Format(PyExc_ValueError, "arrays of points do not match");
+}
+
 static PyMethodDef METHODS[] = {
+    {"order_points", (PyCFunction)(void (*)(void))order_points, METH_FASTCALL, NULL},
+    {"costs_of_points", (PyCFunction)(void (*)(void))costs_of_points, METH_FASTCALL, NULL},
+    {"points_beside_corners", (PyCFunction)(void (*)(void))points_beside_corners, METH_FASTCALL, NULL},
+    {"undulation_sigmas", (PyCFunction)(void (*)(void))undulation_sigmas, METH_FASTCALL, NULL},
+    {"sides_that_meet", (PyCFunction)(void (*)(void))sides_that_meet, METH_FASTCALL, NULL},
+    {"corner_estimates", (PyCFunction)(void (*)(void))corner_estimates, METH_FASTCALL, NULL},
     {"find_runs", (PyCFunction)(void (*)(void))find_runs, METH_FASTCALL, NULL},
     {"project_points", (PyCFunction)(void (*)(void))project_points, METH_FASTCALL, NULL},
     {"find_pieces", (PyCFunction)(void (*)(void))find_pieces, METH_FASTCALL, NULL},

@@ -85,7 +85,7 @@ class NotchPull:
 
 NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
 
-_SMOOTH_PULL_MASK: Final = TRIED_NOTCH_PULLS[:, None] <= STEEPEST_PULL * np.concatenate(
+SMOOTH_PULLS: Final = TRIED_NOTCH_PULLS[:, None] <= STEEPEST_PULL * np.concatenate(
     (TRIED_PULL_REACHES * 2 / np.pi, TRIED_PULL_DECAYS * 2)
 )
 
@@ -167,9 +167,9 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     costs = np.array([cost for cost, _ in known])
     inward = np.array([corners for _, corners in known])[:, :, :, None]
     inflation = fitted.noise.variance_inflation
-    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _SMOOTH_PULL_MASK
+    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * SMOOTH_PULLS
     total = float(weight.sum())
-    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_SMOOTH_PULL_MASK))
+    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(SMOOTH_PULLS))
     if odds < 1e-4:
         return NO_PULL
     share = weight[:, None] / total
@@ -239,7 +239,7 @@ def _shares_of_pull(away: Array) -> Array:
     A raised cosine ends at its reach; a hyperbolic secant decays.
     """
     ends = 0.5 + 0.5 * np.cos(np.pi * np.minimum(away / TRIED_PULL_REACHES[:, None], 1))
-    decays = 1 / np.cosh(np.minimum(away / TRIED_PULL_DECAYS[:, None], 50.0))
+    decays = 1 / np.cosh(np.minimum(np.abs(away / TRIED_PULL_DECAYS[:, None]), 50.0))
     return np.concatenate((ends, decays), axis=-2)
 
 

@@ -67,7 +67,7 @@ def refine_fit(
         row.columns,
         np.array(start.sides),
         start.corners,
-        _model_values(model),
+        model_values(model),
         np.array(known),
         *(values, points, keep),
         *(row.column_count, tolerance, annealed),
@@ -99,7 +99,7 @@ def refine_fit(
 
 
 @lru_cache
-def _model_values(model: tuple[SideModel, ...]) -> Array:
+def model_values(model: tuple[SideModel, ...]) -> Array:
     """What a compiled fit knows of each side, shape (k, 6)."""
     square, cube = SCALING_LENGTH**2, SCALING_LENGTH**3
     return np.array(

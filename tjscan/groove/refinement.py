@@ -242,6 +242,12 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
         Whose noise is known.
     """
     found, block = np.zeros(len(fitted.curves)), POINTS_PER_UNDULATION_BLOCK
+    if kernel.compiled is not None:
+        kernel.compiled.undulation_sigmas(
+            *(fitted.residuals, fitted.keep, np.array(fitted.edges), fitted.sigmas, fitted.counts),
+            *(fitted.curved, fitted.noise.lags, found, fitted.noise.variance_inflation),
+        )
+        return found
     lags = fitted.noise.lags[:block]
     # Variance of a mean of correlated points, over one point's.
     share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2

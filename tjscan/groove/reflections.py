@@ -316,8 +316,12 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     Both are seen there, and few others are between them. A side that is drawn on from far away
     meets another one as well, and so does a reflection.
     """
-    on = fitted.points_on_sides
     found = np.zeros(len(fitted.corners), dtype=np.bool_)
+    if kernel.compiled is not None:
+        points = fitted.along, fitted.residuals, fitted.keep, np.array(fitted.edges)
+        kernel.compiled.sides_that_meet(*points, np.array(fitted.places), fitted.sigmas, found)
+        return found
+    on = fitted.points_on_sides
     for i, (s_before, s_after) in enumerate(fitted.places):
         start, middle, end = fitted.edges[i : i + 3]
         before = start + np.flatnonzero(on[start:middle])[-FEWEST_MEETING:]
