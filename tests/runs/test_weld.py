@@ -76,13 +76,13 @@ def bent_stations() -> GrooveStations:
 
 
 def surface_height(u: Array) -> Array:
-    return np.maximum(np.abs(u) - 0.003, 0.0) * (0.02 / 0.017) - 0.02
+    return np.asarray(np.maximum(np.abs(u) - 0.003, 0.0) * (0.02 / 0.017) - 0.02)
 
 
 def bent_points(stations: GrooveStations, s: float, u: Array) -> Array:
     angle = s / 0.3
     out = np.array((np.cos(angle), np.sin(angle), 0.0))
-    return (0.3 + u)[:, None] * out + surface_height(u)[:, None] * (0.0, 0.0, 1.0)
+    return np.asarray((0.3 + u)[:, None] * out + surface_height(u)[:, None] * (0.0, 0.0, 1.0))
 
 
 def test_points_are_placed_along_a_bent_groove() -> None:
@@ -135,7 +135,7 @@ class StoppedContext(WeldContext):
 
     @property
     def must_stop(self) -> bool:
-        return next(self.counter) == 9000
+        return bool(next(self.counter) == 9000)
 
 
 @pytest.fixture(scope="module")

@@ -388,9 +388,9 @@ class WeldPlanner:
             weights *= column_widths(old.u)
             area = np.sum(weights, axis=1)
             seen = np.full_like(area, np.nan)
-            return np.divide(
-                np.sum(weights * old.u, axis=1), area, out=seen, where=area > LEAST_BEAD_AREA
-            )
+            moment = np.sum(weights * old.u, axis=1)
+            np.divide(moment, area, out=seen, where=area > LEAST_BEAD_AREA)
+            return seen
 
         found = [
             centre(
