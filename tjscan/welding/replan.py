@@ -387,7 +387,7 @@ class WeldPlanner:
             weights = np.where(np.abs(old.u - aim[:, None]) < width[:, None], added, 0.0)
             weights *= column_widths(old.u)
             area = np.sum(weights, axis=1)
-            seen = np.full_like(area, np.nan)
+            seen: Array = np.full_like(area, np.nan)
             moment = np.sum(weights * old.u, axis=1)
             np.divide(moment, area, out=seen, where=area > LEAST_BEAD_AREA)
             return seen
