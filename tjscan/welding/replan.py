@@ -52,6 +52,10 @@ SENSITIVITY_STEP: Final = 0.5e-3
 """By which a bead is moved to see how far its centre follows, metres."""
 
 
+LEAST_BEAD_AREA: Final = 1e-6
+"""m²: a bead that a look shows with less has no centre."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeadOrder:
     """Beads of a weld in their order.
@@ -384,7 +388,11 @@ class WeldPlanner:
             added = w - old.w
             weights = np.where(np.abs(old.u - aim[:, None]) < width[:, None], added, 0.0)
             weights *= column_widths(old.u)
-            return np.asarray(np.sum(weights * old.u, axis=1) / np.sum(weights, axis=1))
+            area = np.sum(weights, axis=1)
+            seen: Array = np.full_like(area, np.nan)
+            moment = np.sum(weights * old.u, axis=1)
+            np.divide(moment, area, out=seen, where=area > LEAST_BEAD_AREA)
+            return seen
 
         found = [
             centre(
@@ -403,8 +411,10 @@ class WeldPlanner:
         sensitivity = (found[1] - found[0]) / SENSITIVITY_STEP
         expected = predicted.part(rows)
         beside = centre(old.w + _added(new, old)) - centre(old.w + _added(expected, old))
-        spread = float(np.std(beside) / np.sqrt(max(len(rows) / 3, 1)))
-        self.learner.learn_offset(beside, sensitivity, spread)
+        known = np.isfinite(beside + sensitivity)
+        if known.any():
+            spread = float(np.std(beside[known]) / np.sqrt(max(known.sum() / 3, 1)))
+            self.learner.learn_offset(beside[known], sensitivity[known], spread)
 
 
 def _added(new: WeldState, old: WeldState) -> Array:
