@@ -192,6 +192,22 @@ def test_report_says_that_it_was_simulated(welded: Path) -> None:
     assert "no crack" in page
 
 
+def test_last_look_is_held_against_limits_and_complies_with_nothing(
+    welded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = ROOT / "examples" / "iso5817-example.toml"
+    code = tjscan("inspect", welded, "--limits", limits, "--thickness-mm", 25, "--json")
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert SIMULATED_WELD_NOTE in found["note"]
+    assert "no crack" in found["not_seen"]
+    assert {row["imperfection"] for row in found["rows"]} >= {"excess", "sag", "undercut"}
+    beyond = any(row["state"] == "beyond" for row in found["rows"])
+    assert code == (3 if beyond else 0)
+    assert not list(numbers_without_source(found))
+    assert "compl" not in said.out + said.err
+
+
 def test_no_arc_burns_without_being_asked_for(tmp_path: Path) -> None:
     out = tmp_path / "run"
     keys = [word for key, value in SHORT.items() for word in (f"--{key}", value)]

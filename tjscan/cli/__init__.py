@@ -42,7 +42,7 @@ COMMAND_GROUPS: Final = (
     (app, "calibrate", ("calibrate",)),
     (app, "results", ("groove", "compare", "export", "report", "view")),
     (app, "plan", ("plan",)),
-    (app, "weld", ("weld",)),
+    (app, "weld", ("weld", "inspect", "beads")),
     (app, "study", ("study", "chain")),
     (app, "files", ("joint", "init", "schema")),
     (crawl_app, "crawl", ("run", "size", "calibrate", "compare", "replay")),

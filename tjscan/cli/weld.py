@@ -1,4 +1,4 @@
-"""``tjscan weld``."""
+"""``tjscan weld``, ``inspect`` and ``beads``."""
 
 from __future__ import annotations
 
@@ -61,3 +61,57 @@ def weld(
         else:
             run_weld(context, directory, arc=arc, looks=LookSchedule(looks))
     print_weld_log(directory, json=json)
+
+
+def inspect(run: Path, *, limits: Path, thickness_mm: float, json: bool = False) -> None:
+    """Hold the surface of a finished weld against a table of limits.
+
+    The exit code is 3 if a value is beyond a limit. Nothing is said about what a laser can't see,
+    or about compliance with a standard.
+
+    Parameters
+    ----------
+    run
+        The run directory of a finished weld.
+    limits
+        The table (TOML), such as ``iso5817-example.toml`` of ``tjscan init``.
+    thickness_mm
+        Of the thinner part, in millimetres.
+    json
+        Print the rows as JSON on stdout.
+    """
+    from tjscan.cli.output.console import print_fields, print_json, print_message
+    from tjscan.runs.weld import inspect as inspection
+    from tjscan.welding.inspection import WHAT_A_LASER_CANNOT_SEE
+
+    if not thickness_mm > 0:
+        raise ConfigurationError("--thickness-mm is more than zero")
+    rows = inspection.inspect_run(run, limits, 1e-3 * thickness_mm)
+    head = ("imperfection", "worst", "limit", "at / mm", "beyond / mm", "state")
+    print_fields(map(inspection.inspection_cells, rows), head)
+    print_message(WHAT_A_LASER_CANNOT_SEE)
+    if json:
+        print_json(inspection.inspection_as_json(rows))
+    if any(row.state == "beyond" for row in rows):
+        raise SystemExit(3)
+
+
+def beads(plate: Path, *, json: bool = False) -> None:
+    """Fit the bead model to beads on a plate: width, contact angles, deposition, torch offset.
+
+    Prints the table [weld.bead] for a weld's job.
+
+    Parameters
+    ----------
+    plate
+        The file of the beads and their scan (TOML).
+    json
+        Print the fit as JSON on stdout.
+    """
+    from tjscan.cli.output.console import print_json, print_message
+    from tjscan.runs.weld.plate import bead_model_as_toml, fit_plate
+
+    fit = fit_plate(plate)
+    print_message(bead_model_as_toml(fit))
+    if json:
+        print_json(fit)

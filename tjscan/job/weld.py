@@ -21,6 +21,7 @@ from tjscan.job.devices import DeviceSettings
 from tjscan.job.files import ScanJob, read_located_job
 from tjscan.power.drivers import POWER_DRIVERS
 from tjscan.power.sequence import ArcLimits
+from tjscan.welding.bead import BeadModel
 from tjscan.welding.world import WeldFaults
 
 
@@ -96,6 +97,8 @@ class WeldSettings(SettingsTable):
     interpass_wait : float
         After each bead, seconds. The temperature is not measured.
     arc : ArcLimits
+    bead : BeadModel
+        By which beads are planned; a simulated weld has its own, with the defaults.
     simulation : WeldSimulationSettings
     """
 
@@ -108,6 +111,7 @@ class WeldSettings(SettingsTable):
     holds: Annotated[tuple[int, ...], MaxLen(200), LIST_OR_WORD_IN_FILE] = ()
     interpass_wait: Annotated[float, Ge(0), Le(86400), SECONDS] = 0.0
     arc: ArcLimits = field(default_factory=ArcLimits)
+    bead: BeadModel = field(default_factory=BeadModel)
     simulation: WeldSimulationSettings = field(default_factory=WeldSimulationSettings)
 
     def __post_init__(self) -> None:

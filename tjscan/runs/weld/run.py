@@ -457,7 +457,8 @@ class Weld:
         if self.planner is None:
             tilt = self.world.state.tilt
             belief = WeldState.of_groove(self.stations.s, seen.u, seen.w, self.toes_u, tilt)
-            self.planner = WeldPlanner(belief, self.order, self.context.wps)
+            model = self.context.job.weld.bead
+            self.planner = WeldPlanner(belief, self.order, self.context.wps, model)
         else:
             u = np.tile(seen.u, (len(seen.w), 1))
             self.planner.take_look(u, seen.w, seen.sigma, seen.read)
@@ -505,8 +506,8 @@ def _columns(toes_u: Array, margin: float) -> Array:
 
 
 def _tilt_of_gravity(stations: GrooveStations, gravity: Array) -> Array:
-    """Angle of gravity in each section from straight into it, towards the leg; radians."""
-    return np.asarray(np.arctan2(stations.across @ gravity, -(stations.up @ gravity)))
+    """Angle of gravity in each section from straight into it, towards the brace; radians."""
+    return np.asarray(np.arctan2(-(stations.across @ gravity), -(stations.up @ gravity)))
 
 
 def _true_heights(scan: ScanContext, stations: GrooveStations, u: Array) -> Array:
