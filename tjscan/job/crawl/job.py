@@ -166,7 +166,7 @@ class SimulatedWeldSettings(SettingsTable):
     Parameters
     ----------
     wire_diameter : float
-        Metres.
+        Of the wire, metres.
     efficiency : float
         Share of the molten wire that ends in the weld.
     wire_feed : float
@@ -174,7 +174,7 @@ class SimulatedWeldSettings(SettingsTable):
     heat_power : float
         Of the arc in the weld, k U I, in watts.
     tilt : float
-        Of gravity in the section, to the left plate, radians: 0 if the joint is level or climbs.
+        Of gravity in the section, to the left plate; zero if the joint is level or climbs; radians.
     offset : float
         Where the wire truly points, to the right of the torch, metres.
     slip, wander : float
