@@ -37,6 +37,13 @@ LEAST_SEEN_SHARE_OF_SIDE: Final = 0.1
 """Share of what each side of a reference shows of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree."""
 
+LEAST_SEEN_SHARE_OF_OTHER_SIDE: Final = 0.2
+"""The same of the other side if a bead covers all of one, with its edge."""
+
+EDGE_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 1e-3, 0.3e-3
+"""Slope from which a reference is a bevel, and metres to both sides of its edge in which a bead
+over it stands over the hull by so many metres: no joint that is merely narrower does."""
+
 DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 """Standard deviations and metres between which a point lies deeper than the reference as another
 joint's would: the arc's light is anywhere, mostly farther."""
@@ -184,7 +191,8 @@ def register_profile(
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
         of the points that lie on the reference. None if too few do, if one side of the
-        joint no longer shows where it is, or if steel is gone that the reference shows.
+        joint no longer shows where it is and no bead covers its edge, or if steel is gone that the
+        reference shows.
     """
     x = t * z
     roll = start.roll
@@ -221,13 +229,18 @@ def register_profile(
         if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_SHIFT:
             break
     shift_information = (slope / spread) ** 2
+    seen = []
     for side in (u < 0, u > 0):
         side_total = shift_information[side].sum()
-        if weight[side] @ shift_information[side] < LEAST_SEEN_SHARE_OF_SIDE * side_total:
+        seen.append(weight[side] @ shift_information[side] / side_total)
+        hidden = seen[-1] < LEAST_SEEN_SHARE_OF_SIDE
+        if hidden and not _is_edge_covered(u[side], slope[side], (deep - place[1])[side]):
             return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if shift_information[side] @ deeper > MOST_DEEPER_SHARE * side_total:
             return None
+    if min(seen) < LEAST_SEEN_SHARE_OF_SIDE and max(seen) < LEAST_SEEN_SHARE_OF_OTHER_SIDE:
+        return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
     moves = np.array((c, s, hull_z))
@@ -242,3 +255,20 @@ def register_profile(
         shared_sigma=reference.centre_sigma,
     )
     return found, 1 - share
+
+
+def _is_edge_covered(u: Array, slope: Array, depth: Array) -> bool:
+    """Whether a bead stands over the hull where a side of the reference has its edge.
+
+    Parameters
+    ----------
+    u : ndarray, shape (n,)
+        Across from the joint's centre, of the points of one side, metres.
+    slope : ndarray, shape (n,)
+        Of the reference there.
+    depth : ndarray, shape (n,)
+        Of the points below the hull, metres.
+    """
+    edge = np.abs(u[np.abs(slope) > EDGE_SLOPE]).max(initial=0.0)
+    near = np.abs(np.abs(u) - edge) < EDGE_HALF_WIDTH
+    return bool(near.any() and np.median(depth[near]) < -LEAST_COVER)
