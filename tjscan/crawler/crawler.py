@@ -238,13 +238,12 @@ class Crawler:
         alignment = self._plan.alignment
         while True:
             out, torch = self._cycle.travel - home, self._method.torch
-            above_joint = abs(torch.offset) <= alignment.offset
+            is_long = out >= alignment.longest  # then only a reversal can show more
+            limit = max(alignment.offset, 2 * torch.sigma * is_long)
             known = torch.sigma <= alignment.offset_sigma
-            if out >= alignment.length and above_joint and known:
+            if out >= alignment.length and abs(torch.offset) <= limit and known:
                 return
-            if out >= alignment.longest and known and abs(torch.offset) <= 2 * torch.sigma:
-                return  # only a reversal can show more
-            if out >= alignment.longest:
+            if is_long:
                 raise CrawlStopped(
                     "not aligned",
                     f"after {out:.2f} m the torch is {1e3 * abs(torch.offset):.1f} mm off the "
