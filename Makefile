@@ -78,13 +78,13 @@ $(BIN)/pip:
 		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
 
 # What `pip install tjscan` brings, and no more.
-$(PLAIN): pyproject.toml constraints.txt | $(BIN)/pip
+$(PLAIN): pyproject.toml constraints.txt tjscan/groove/_kernel.c | $(BIN)/pip
 	@echo "setting up $(VENV): some two minutes, once"
 	$(PIP) -e .
 	@touch $@
 
 # The same and what tests, checks, documents and benchmarks need, in one step.
-$(READY): pyproject.toml constraints.txt loopback/pyproject.toml | $(BIN)/pip
+$(READY): pyproject.toml constraints.txt tjscan/groove/_kernel.c loopback/pyproject.toml | $(BIN)/pip
 	@echo "setting up $(VENV): some two minutes, once"
 	$(PIP) -e '.[dev,docs,browser,e57,genicam,live,pandas,step,study,towing,ur,vehicle,weldx]' -e ./loopback
 	@touch $(PLAIN) $@

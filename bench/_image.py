@@ -85,7 +85,9 @@ def _make_base(python: str, release: str, image: Path) -> None:
 def _copy(source: Path, target: Path, *, into: bool) -> None:
     target = target / source.name if into else target
     if source.is_dir():
-        shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__", "build"))
+        shutil.copytree(
+            source, target, ignore=shutil.ignore_patterns("__pycache__", "build", "*.so")
+        )
     else:
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(source, target)

@@ -96,7 +96,7 @@ def follow_program(reach: StationReach, way: StationPath, wps: WeldingProcedure)
     arm, tcp = reach.station.kinematics, wps.torch.tcp.T
     told: list[str] = []
     controller = LoopbackController(arm, way.q, hz=HZ, fast=False, report_line=told.append)
-    controller.start_script(path_to_urscript(way, wps.torch, OUTPUT, arc=True))
+    controller.start_script(path_to_urscript(way, wps, OUTPUT, arc=True))
     runs, on = list[list[Array]](), False
     while told[-1] != "program stopped":
         controller.advance_one_tick()

@@ -19,4 +19,5 @@ def copy_sources(to: Path) -> None:
     for name in FILES:
         shutil.copy(ROOT / name, to)
     for name in FOLDERS:
-        shutil.copytree(ROOT / name, to / name, ignore=shutil.ignore_patterns("__pycache__"))
+        made = shutil.ignore_patterns("__pycache__", "*.so")
+        shutil.copytree(ROOT / name, to / name, ignore=made)

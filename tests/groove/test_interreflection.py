@@ -26,13 +26,20 @@ def cone(away: Array) -> Array:
     return np.clip(1 - away / (3 * MM), 0, 1)
 
 
+def wedge(away: Array) -> Array:
+    """View factor of a strip of 2.4 mm beside the edge of a wedge of 60 degrees."""
+    strip = 2.4 * MM
+    across = np.sqrt(away**2 + strip**2 - away * strip)
+    return np.asarray((1 + (strip / 2 - away) / across) / 1.5)
+
+
 def pull_of(profile: Profile) -> tuple[NotchPull, FittedProfile]:
     row = order_points(profile, DEFAULT_SETTINGS)
     found = find_best_fit(row, DEFAULT_SETTINGS)
     return find_pull(row, found.fitted, len(found.model.sides) - 2), found.fitted
 
 
-@pytest.mark.parametrize("fade", [raised_cosine, bell, cone])
+@pytest.mark.parametrize("fade", [raised_cosine, bell, cone, wedge])
 @pytest.mark.parametrize("by", [0.4, 0.8, 1.2])
 def test_corners_lie_where_their_rays_meet_the_flanks(
     by: float, fade: Callable[[Array], Array]

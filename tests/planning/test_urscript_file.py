@@ -1,5 +1,6 @@
 """The program for the arm, run on the loopback controller: path, speed, and the arc's output."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def run(plan: WeldPlan, *, arc: bool) -> tuple[Array, Array, Array]:
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
     path = T_b_r @ bead.T_r_torch
     one = BeadPath(bead, np.array([path[0] @ back, path[0]]), path, (path[-1] @ back)[None])
-    script = path_to_urscript(StationPath("a", HOME, (one,)), plan.wps.torch, OUTPUT, arc=arc)
+    script = path_to_urscript(StationPath("a", HOME, (one,)), plan.wps, OUTPUT, arc=arc)
     told: list[str] = []
     controller = LoopbackController(KINEMATICS, HOME, hz=HZ, fast=False, report_line=told.append)
     controller.start_script(script)
@@ -81,3 +82,46 @@ def test_without_being_told_the_program_never_switches_the_arc_on() -> None:
     tips, on, points = run(plan, arc=False)
     assert not on.any()
     assert np.linalg.norm(tips - points[-1], axis=1).min() <= OFF_PATH
+
+
+def test_a_woven_bead_swings_as_far_and_as_often_as_its_segments_say() -> None:
+    """Read from the written program: its points beside the bead's line, and when it is there."""
+    plan, swing = small_plan(), 1.5e-3
+    bead = plan.beads[0]
+    now = bead.at_points
+    weave = np.linspace(swing, 0.5 * swing, len(now.s))
+    bead = bead.with_segments(replace(now, weave=weave), plan.wps)
+    path = bead.T_r_torch
+    one = BeadPath(bead, path[:1], path, path[-1:])
+    script = path_to_urscript(StationPath("a", HOME, (one,)), plan.wps, OUTPUT, arc=False)
+    lines = [line for line in script.splitlines() if "movep" in line]
+    numbers = np.array([[float(x) for x in re.findall(r"-?\d+\.\d+", line)] for line in lines])
+    tips = np.concatenate((bead.points[:1], numbers[:, :3]))
+    steps = np.linalg.norm(np.diff(tips, axis=0), axis=1)
+    times = np.append(0.0, np.cumsum(steps / numbers[:, 7]))
+    assert times[-1] == pytest.approx(bead.arc_time, rel=1e-3)
+    aside = (tips - bead.points[0]) @ path[0, :3, 1]
+    along = np.interp(times, bead.times, bead.s)
+    right = aside > 1e-4
+    np.testing.assert_allclose(aside[right], np.interp(along, bead.s, weave)[right], rtol=1e-3)
+    settings = plan.wps.weave
+    assert settings is not None
+    starts = times[1:][right[1:] & ~right[:-1]]
+    np.testing.assert_allclose(np.diff(starts), settings.period, atol=1e-3)
+
+
+def test_a_bead_moved_by_a_table_lays_what_its_feed_and_speed_bring() -> None:
+    plan = small_plan()
+    bead = plan.beads[0]
+    now = bead.at_points
+    moved = bead.with_segments(
+        replace(now, offset=now.offset + 1e-3, height=now.height + 2e-3, speed=2 * now.speed),
+        plan.wps,
+    )
+    away = moved.points - bead.points
+    np.testing.assert_allclose(np.sum(away * bead.T_r_torch[:, :3, 1], axis=1), 1e-3)
+    np.testing.assert_allclose(np.sum(away * bead.T_r_torch[:, :3, 2], axis=1), -2e-3)
+    np.testing.assert_allclose(moved.area, 0.5 * bead.area)
+    np.testing.assert_allclose(moved.heat, 0.5 * bead.heat)
+    back = moved.with_segments(bead.segments, plan.wps)
+    np.testing.assert_allclose(back.points, bead.points, atol=1e-15)

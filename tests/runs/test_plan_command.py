@@ -76,7 +76,7 @@ def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(run: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (lambda text: text.replace('"version": 2', '"version": 1'), "run `tjscan plan` again"),
+        (lambda text: text.replace('"version": 3', '"version": 2'), "run `tjscan plan` again"),
         (lambda text: text.replace('"wire_kg"', '"wire_lb"'), "run `tjscan plan` again"),
         (lambda text: text[: len(text) // 2], "is no plan"),
     ],

@@ -132,5 +132,5 @@ def _send_program_to_arm(done: WrittenPlan, job: ScanJob, program: ProgramOption
     words = f"{len(path.beads)} beads of {path.station} run on {host}, {switched}"
     started = partial(print_message, f"{words}; Ctrl-C stops them")
     switch = ArcSwitch(program.output, program.arc)
-    send_program(job, path, done.plan.wps.torch, switch, started)
+    send_program(job, path, done.plan.wps, switch, started)
     print_message("the program has come to its end")

@@ -135,6 +135,7 @@ class ListOrWordInFile:
 MM: Final = FileUnit("mm", 1e-3)
 MM2: Final = FileUnit("mm2", 1e-6)
 MM_S: Final = FileUnit("mm_s", 1e-3)
+M_PER_MIN: Final = FileUnit("m_min", 1 / 60)
 MM_S2: Final = FileUnit("mm_s2", 1e-3)
 DEG: Final = FileUnit("deg", radians(1.0))
 DEG_S: Final = FileUnit("deg_s", radians(1.0))

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from math import cos, inf, pi
 from typing import Final, Protocol
 
+import numpy as np
+
+from tjscan.core.bead_segments import BeadSegments
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices, HandDrive, drive_by_hand
 from tjscan.crawler.guards import Guards
@@ -260,34 +263,37 @@ class Crawler:
     def _weld_pass(self, number: int, arc_from: float) -> None:
         """Go along the joint with the arc burning where the weld is."""
         one, end = self._plan.passes[number - 1], self._plan.weld.length
-        self._cycle.number = number
-        self._run_up_to_strike(one, arc_from)
+        self._cycle.number, table = number, one.table
+        self._run_up_to_strike(table.at(np.array(arc_from)), arc_from)
         burning = 0.0
         while self._cycle.travel < end:
             self._guards.watch_weld(self._cycle.deviation, self._method.torch.sigma)
             if not self._cycle.arc:
                 self._cycle.set_arc(burning=True)
-            burning += self._cycle.drive(one.speed, one.offset_at(burning), one.height)
+            here = table.at(np.array(self._cycle.travel))
+            path = float(here.offset + here.weave * one.swing(burning))
+            burning += self._cycle.drive(float(here.speed), path, float(here.height))
         self._cycle.set_arc(burning=False)
         self._cycle.enter(Event.PASS_WELDED, f"pass {number} is welded")
 
-    def _run_up_to_strike(self, one: PassSettings, arc_from: float) -> None:
+    def _run_up_to_strike(self, first: BeadSegments, arc_from: float) -> None:
         """Come to where the arc is to be struck; again if the torch is not known there.
 
         What is not known is the crab, which only a reversal shows. It goes on without the arc
         first: each reversal puts the vehicle aside, and takes some way to make up for.
         """
+        speed, path, height = (float(x) for x in (first.speed, first.offset, first.height))
         before = inf
         for left in reversed(range(MOST_RUN_UPS)):
             self._cycle.come_to_rest()  # an operator takes his time, and no guard looks meanwhile
             while not self._operator.confirm_weld(self._cycle.number):
                 self._cycle.run(AT_REST)
-            self._cycle.come_to_rest(one.offset, one.height)
+            self._cycle.come_to_rest(path, height)
             self._cycle.enter(
-                Event.WELD_CONFIRMED, f"pass {self._cycle.number} at {1e3 * one.speed:g} mm/s"
+                Event.WELD_CONFIRMED, f"pass {self._cycle.number} at {1e3 * speed:g} mm/s"
             )
             while self._cycle.travel < arc_from:
-                self._cycle.drive(one.speed, one.offset, one.height)
+                self._cycle.drive(speed, path, height)
             sigma = self._method.torch.sigma
             gains_nothing = self._guards.knows_torch(sigma) and sigma > GAINING_SHARE * before
             if self._guards.knows_torch(sigma / STRIKING_SHARE) or gains_nothing or not left:

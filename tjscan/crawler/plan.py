@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Le, MinLen
+import numpy as np
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
-from tjscan.core.units import MM, MM_S, SECONDS, FileUnit, SettingsTable
+from tjscan.core.bead_segments import BeadSegments, weave_swing
+from tjscan.core.units import (
+    LIST_OR_WORD_IN_FILE,
+    M_PER_MIN,
+    MM,
+    MM_S,
+    SECONDS,
+    FileUnit,
+    SettingsTable,
+)
 
 NEWTON_METRE_UNIT = FileUnit("n_m")
 METRE_UNIT = FileUnit("m")
@@ -126,8 +136,8 @@ class CourseSettings(SettingsTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PassSettings(SettingsTable):
-    """One welding pass, a table [[pass]].
+class PassRow(SettingsTable):
+    """How a pass is welded, all along or at a place.
 
     Parameters
     ----------
@@ -139,39 +149,66 @@ class PassSettings(SettingsTable):
         Of the torch over the hull, out of it, metres; below zero inside the groove.
     weave : float
         How far it swings to either side of that, metres; 0 for a stringer bead.
-    weave_period : float
-        Of a whole swing there and back, dwells included, seconds.
-    dwell : float
-        How long it stays at each end, seconds.
-    procedure : str, optional
-        Which welding procedure specification holds; the job's if left out.
+    feed : float, optional
+        Wire feed, m/s; not stated if left out.
     """
 
     speed: Annotated[float, Gt(0), Le(100), MM_S] = 5e-3
     offset: Annotated[float, Ge(-50), Le(50), MM] = 0.0
     height: Annotated[float, Ge(-100), Le(100), MM] = 0.0
     weave: Annotated[float, Ge(0), Le(50), MM] = 0.0
+    feed: Annotated[float | None, Gt(0), Le(100), M_PER_MIN] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PassSegment(PassRow):
+    """A row of the list `segments` of a pass; between two rows all is linear.
+
+    Parameters
+    ----------
+    s : float
+        Along the joint from where the weld begins, metres.
+    """
+
+    s: Annotated[float, Ge(-1e4), Le(1e6), MM]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PassSettings(PassRow):
+    """One welding pass, a table [[pass]]: a row that holds all along, or `segments`.
+
+    Parameters
+    ----------
+    weave_period : float
+        Of a whole swing there and back, dwells included, seconds.
+    dwell : float
+        How long it stays at each end, seconds.
+    procedure : str, optional
+        Which welding procedure specification holds; the job's if left out.
+    segments : tuple of PassSegment
+        Rows along the pass, in their order.
+    """
+
     weave_period: Annotated[float, Gt(0), Le(60), SECONDS] = 2.0
     dwell: Annotated[float, Ge(0), Le(10), SECONDS] = 0.0
     procedure: Annotated[str | None, MinLen(1)] = None
+    segments: Annotated[tuple[PassSegment, ...], MaxLen(1000), LIST_OR_WORD_IN_FILE] = ()
 
     def __post_init__(self) -> None:
-        if self.weave > 0 and not 2 * self.dwell < self.weave_period:
+        own = {field.name: getattr(self, field.name) for field in fields(PassRow)}
+        if self.segments and PassRow(**own) != PassRow():
+            raise ValueError("segments state speed, offset, height, weave and feed: state no other")
+        if self.table.weave.max() > 0 and not 2 * self.dwell < self.weave_period:
             raise ValueError("two dwell_s leave no time to swing: make weave_period_s longer")
 
-    def offset_at(self, time: float) -> float:
-        """Offset of the torch from the joint's centre, metres.
+    @property
+    def table(self) -> BeadSegments:
+        """What holds along the pass; one row if it has no segments."""
+        rows: tuple[PassRow, ...] = self.segments or (self,)
+        names = [field.name for field in fields(BeadSegments)]
+        values = [[getattr(row, name, 0.0) for row in rows] for name in names]
+        return BeadSegments(*np.array(values, dtype=np.float64))  # of a feed None: NaN
 
-        Parameters
-        ----------
-        time : float
-            Since the arc was struck, seconds.
-        """
-        if self.weave == 0.0:
-            return self.offset
-        swing = self.weave_period / 2 - self.dwell
-        into = (time + swing / 2) % self.weave_period  # it begins in the middle, to the right
-        back = into >= self.weave_period / 2
-        into -= self.weave_period / 2 if back else 0.0
-        share = min(into / swing, 1.0) * 2 - 1
-        return self.offset + self.weave * (-share if back else share)
+    def swing(self, time: float) -> float:
+        """How a weave swings, from -1 to 1, a time after the arc was struck, seconds."""
+        return float(weave_swing(np.array(time), self.weave_period, self.dwell))

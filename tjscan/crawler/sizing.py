@@ -15,12 +15,11 @@ from typing import Annotated, Any, Final
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from tjscan.core.units import DEG, FileUnit, SettingsTable
+from tjscan.core.units import DEG, M_PER_MIN, FileUnit, SettingsTable
 from tjscan.crawler.plan import NEWTON_METRE_UNIT
 from tjscan.vehicle.pad_plant import GRAVITY_M_S2, PadPlant, PadSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
-METRES_PER_MINUTE: Final = FileUnit("m_min", 1 / 60)
 WATT_UNIT: Final = FileUnit("w")
 STEPS_PER_CONTACT_LENGTH: Final = 140
 """Steps in which a pad goes from the front of its track to the rear."""
@@ -63,7 +62,7 @@ class SizeSettings(SettingsTable):
     pads: ClimbingPadSettings = field(default_factory=ClimbingPadSettings)
     gear: Annotated[float, Gt(0), Le(1e4)] = 390.0
     torque: Annotated[float, Gt(0), Le(1e5), NEWTON_METRE_UNIT] = 84.0
-    top_speed: Annotated[float, Gt(0), Le(100), METRES_PER_MINUTE] = 0.05
+    top_speed: Annotated[float, Gt(0), Le(100), M_PER_MIN] = 0.05
     power: Annotated[float, Gt(0), Le(1e6), WATT_UNIT] = 600.0
     safety: Annotated[float, Ge(1), Le(100)] = 5.0
 

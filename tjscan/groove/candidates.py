@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove import kernel
 from tjscan.groove.pieces import NOISE_INFLATION, Pieces, ProjectivePoints
 from tjscan.groove.settings import FACE_BLUNTNESS, WELD_ROUGHNESS
 from tjscan.groove.sides import CubicCurve, Index
@@ -67,6 +68,7 @@ ROUGH_REACH_SIGMAS: Final = 2.0
 
 _KIND_BENDS: Final = np.array([kind.bend for kind in CANDIDATE_KINDS])
 _KIND_UNEVENNESS: Final = np.array([kind.unevenness for kind in CANDIDATE_KINDS])
+_KIND_TABLE: Final = np.array([astuple(kind) for kind in CANDIDATE_KINDS])
 _KIND_SEED_POINTS: Final = np.array([[kind.seed_points] for kind in CANDIDATE_KINDS])
 
 LEAST_PIVOT: Final = 1e-18
@@ -145,6 +147,15 @@ def propose_candidates(points: ProjectivePoints, pieces: Pieces) -> CandidateSid
         Of these points.
     """
     variance = NOISE_INFLATION * points.noise**2
+    if kernel.compiled is not None:
+        n = len(CANDIDATE_KINDS) * MOST_CANDIDATES
+        kind, coefficients = np.empty(n, dtype=np.intp), np.empty((n, 3))
+        roughness, begins, ends = np.empty((3, n))
+        m = kernel.compiled.propose_candidates(
+            *(points.u, pieces.first, pieces.stop, pieces.moments, pieces.probes, pieces.heights),
+            *(_KIND_TABLE, kind, roughness, coefficients, begins, ends, variance),
+        )
+        return CandidateSides(kind[:m], roughness[:m], coefficients[:m], begins[:m], ends[:m])
     counts = pieces.stop - pieces.first
     # Each set of pieces once for each kind, the ones of most points first.
     every = np.concatenate([_grow_seeds(pieces, variance), _best_ranges(pieces, variance)])

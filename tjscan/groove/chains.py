@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.groove import kernel
 from tjscan.groove.candidates import (
     BEAD_KIND,
     BENT_KIND,
@@ -122,6 +123,13 @@ class ChainSearch:
         tolerance: float,
     ) -> None:
         self.candidates = candidates
+        if kernel.compiled is not None:
+            curves = candidates.coefficients, candidates.first, candidates.last
+            self._search = kernel.compiled.begin_search(
+                *(points.u, points.z, candidates.kind, candidates.roughness, *curves),
+                *(runs.first, runs.count, runs.jumps, tolerance),
+            )
+            return
         reach = candidates.reaches(tolerance)
         wider = WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None]
         paid = np.minimum(candidates.scaled_distances(points, reach) ** 2 + wider, 1)
@@ -147,6 +155,9 @@ class ChainSearch:
 
     def cheapest_chains(self, model: GrooveModel, most: int) -> list[SideChain]:
         """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
+        if kernel.compiled is not None:
+            cheapest = kernel.compiled.cheapest_chains(self._search, _form_values(model), most)
+            return [SideChain(c, sides, np.array(xz).reshape(-1, 2)) for c, sides, xz in cheapest]
         layers = [
             np.concatenate([self._kinds[k] for k in kinds]) for kinds in kinds_of_sides(model)
         ]
@@ -230,6 +241,19 @@ class ChainSearch:
         own, pair = own[fits], pair[fits]
         longer = np.concatenate((chains[:, own], joint[1:, pair]))
         return longer, costs[own] + self._pay[longer[-2], longer[-1]], pair
+
+
+def _form_values(model: GrooveModel) -> Array:
+    """What the compiled kernel knows of a form, shape (k, 7)."""
+    kinds = [sum(1 << kind for kind in own) for own in kinds_of_sides(model)]
+    turns = [*((turn.least, turn.most) for turn in model.turns), (0.0, 0.0)]
+    ends = [model.across.least, model.across.most, *[0.0] * len(turns)]
+    return np.array(
+        [
+            (kind, side.shortest, side.longest, side.bead, *turn, end)
+            for kind, side, turn, end in zip(kinds, model.sides, turns, ends, strict=False)
+        ]
+    )
 
 
 def kinds_of_sides(model: GrooveModel) -> list[tuple[int, ...]]:

@@ -31,12 +31,14 @@ TRIED_NOTCH_PULLS: Final = 1e-3 * np.array(
     (0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0)
 )
 TRIED_PULL_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
-"""How far a notch may be pulled in, and how far up its flanks that may be seen, in metres."""
+TRIED_PULL_DECAYS: Final = 1e-3 * np.array((0.7, 1.0, 1.4))
+"""How far a notch may be pulled in, and how far up its flanks that may be seen, if it ends there,
+or over which length it decays, in metres."""
 
-LARGEST_PULL_OVER_REACH: Final = 0.5
-"""A pull is smooth: it is no greater than this share of its reach."""
+STEEPEST_PULL: Final = 0.8
+"""A pull is smooth: it grows by no greater share of the way along its flank."""
 
-PULL_PRIOR_ODDS: Final = 0.1
+PULL_PRIOR_ODDS: Final = 0.5
 """Odds that a notch is pulled in, before its points are looked at."""
 
 PULL_SHAPE_SIGMA: Final = 0.05
@@ -83,8 +85,8 @@ class NotchPull:
 
 NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
 
-_SMOOTH_PULL_MASK: Final = (
-    TRIED_NOTCH_PULLS[:, None] <= LARGEST_PULL_OVER_REACH * TRIED_PULL_REACHES
+SMOOTH_PULLS: Final = TRIED_NOTCH_PULLS[:, None] <= STEEPEST_PULL * np.concatenate(
+    (TRIED_PULL_REACHES * 2 / np.pi, TRIED_PULL_DECAYS * 2)
 )
 
 
@@ -145,22 +147,12 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     flat = float(limits[k])
     sag = -face.c2 * (places[1] - places[0]) ** 2 / 4
     limits[k] = max(flat, FACE_BLUNTNESS * abs(sag))
-    bounds = [
-        fitted.curves[i].point_on_curve(s)
-        for i, s in (
-            (k - 1, fitted.places[k - 1][0] - NOTCH_REGION_LENGTH),
-            (k + 1, fitted.places[k][1] + NOTCH_REGION_LENGTH),
-        )
-    ]
+    ends = (k - 1, fitted.places[k - 1][0], 1.0), (k + 1, fitted.places[k][1], -1.0)
+    bounds = [fitted.curves[i].point_on_curve(s - w * NOTCH_REGION_LENGTH) for i, s, w in ends]
     tangents = -row.x_s / row.z_s
     a, b = tangents.searchsorted([-x / z for x, z in bounds]).tolist()
     points = row.points[a:b]
-    flanks = (
-        _build_flank(
-            fitted.curves[k - 1], fitted.places[k - 1][0], 1.0, points, float(limits[k - 1])
-        ),
-        _build_flank(fitted.curves[k + 1], fitted.places[k][1], -1.0, points, float(limits[k + 1])),
-    )
+    flanks = [_build_flank(fitted.curves[i], s, w, points, float(limits[i])) for i, s, w in ends]
     sides = np.arange(len(limits)).repeat(np.diff(fitted.edges))[a:b]
     now = float(np.minimum((fitted.residuals[a:b] / limits[sides]) ** 2, 1).sum())
     found = [_pull_costs(face, places, float(limits[k]), flanks, points, tangents[a:b])]
@@ -175,9 +167,9 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     costs = np.array([cost for cost, _ in known])
     inward = np.array([corners for _, corners in known])[:, :, :, None]
     inflation = fitted.noise.variance_inflation
-    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _SMOOTH_PULL_MASK
+    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * SMOOTH_PULLS
     total = float(weight.sum())
-    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_SMOOTH_PULL_MASK))
+    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(SMOOTH_PULLS))
     if odds < 1e-4:
         return NO_PULL
     share = weight[:, None] / total
@@ -215,7 +207,7 @@ def _pull_costs(
     face: CubicCurve,
     places: tuple[float, float],
     limit: float,
-    flanks: tuple[_Flank, _Flank],
+    flanks: list[_Flank],
     points: Array,
     tangents: Array,
 ) -> tuple[Array, Array] | None:
@@ -232,13 +224,23 @@ def _pull_costs(
     own = np.minimum((face.signed_distances(points) / limit) ** 2, 1)
     total = (own * ~(before | after)).sum(axis=1)[:, None]
     for flank, met, on in zip(flanks, corners, (before, after), strict=True):
-        share = (met[:, None] - flank.inward)[:, None] / TRIED_PULL_REACHES[:, None]
-        pull = TRIED_NOTCH_PULLS[:, None, None] * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1)))
+        away = (met[:, None] - flank.inward)[:, None]
+        pull = TRIED_NOTCH_PULLS[:, None, None] * _shares_of_pull(away)
         fuzzy = (PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank.limit * pull) ** 2
         away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
         pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2
         total = total + (pays * on[:, None]).sum(axis=2)
     return np.where((bearings[0] < bearings[1])[:, None], total, np.inf), np.array(corners)
+
+
+def _shares_of_pull(away: Array) -> Array:
+    """Share of a pull, (..., r, n), at distances (..., 1, n) from its notch, each reach and decay.
+
+    A raised cosine ends at its reach; a hyperbolic secant decays.
+    """
+    ends = 0.5 + 0.5 * np.cos(np.pi * np.minimum(away / TRIED_PULL_REACHES[:, None], 1))
+    decays = 1 / np.cosh(np.minimum(np.abs(away / TRIED_PULL_DECAYS[:, None]), 50.0))
+    return np.concatenate((ends, decays), axis=-2)
 
 
 def closeness_to_notch(points: Array, notch: Array) -> Array:

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.groove import kernel
 from tjscan.groove.reflections import PointRuns
 from tjscan.groove.sides import LEAST_NOISE, Index
 from tjscan.laser.profile import Profile
@@ -102,6 +103,10 @@ def project_points(row: Profile, largest_noise: float) -> ProjectivePoints:
         In metres; what is rougher is shape.
     """
     z = row.z_s
+    if kernel.compiled is not None:
+        u, y, work = np.empty((3, len(z)))
+        noise = kernel.compiled.project_points(row.x_s, z, u, y, work, largest_noise)
+        return ProjectivePoints(u, y, z, noise)
     u, y = -row.x_s / z, 1 / z
     sigmas = [LEAST_NOISE]
     for lag in NOISE_LAGS:
@@ -127,10 +132,17 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
     runs : PointRuns
         Of the same points; no piece goes on where neighbours jump.
     """
+    if kernel.compiled is not None:
+        n = len(points.u)
+        found = *np.empty((2, n), dtype=np.intp), *map(np.empty, ((n, 9), (n, 2), (n, 2)))
+        count = kernel.compiled.find_pieces(
+            *(points.u, points.y, points.z, runs.first, runs.count, *found, points.noise)
+        )
+        return Pieces(*(value[:count] for value in found))
     first, stop = _divide_runs_in_blocks(runs, len(points.u))
     # What each point adds to the moments of its piece.
     terms = np.empty((9, len(points.u)))
-    np.power(points.z, 4, out=terms[0])
+    np.square(points.z**2, out=terms[0])
     for k in range(4):
         np.multiply(terms[k], points.u, out=terms[k + 1])
     np.multiply(terms[:3], points.y, out=terms[5:8])

@@ -10,6 +10,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
+from tjscan.groove import kernel
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.root import ROOT_NOT_SEEN, read_root
 from tjscan.groove.search import find_best_fit
@@ -21,7 +22,7 @@ from tjscan.groove.settings import (
     GrooveSettings,
 )
 from tjscan.groove.shape import corner_estimates
-from tjscan.groove.sides import GrooveFit
+from tjscan.groove.sides import GrooveFit, Index
 from tjscan.groove.steel import fit_bare_steel
 from tjscan.laser.profile import Profile
 
@@ -115,12 +116,7 @@ def order_points(profile: Profile, settings: GrooveSettings) -> Profile:
     GrooveNotFound
         If there are fewer than the settings ask for.
     """
-    # Many sensors write a zero where they see nothing; and nothing is seen behind them.
-    valid = profile.valid & (profile.z_s > 0)
-    # Others write a far value: no laser line is several times as far away as its middle.
-    farthest = FARTHEST_POINT_RATIO * float(np.median(profile.z_s[valid])) if valid.any() else 0.0
-    valid &= (profile.z_s < farthest) & (np.abs(profile.x_s) < farthest)
-    columns = np.flatnonzero(valid)
+    columns = _columns_by_bearing(profile)
     if len(columns) < settings.minimum_points:
         raise GrooveNotFound(
             "too few points",
@@ -128,10 +124,24 @@ def order_points(profile: Profile, settings: GrooveSettings) -> Profile:
             "are needed. Is the surface inside the sensor's range, and the laser on?",
             profile.points[columns],
         )
-    bearings = -profile.x_s[columns] / profile.z_s[columns]
-    columns = columns[np.argsort(bearings, kind="stable")]
     x_s, z_s = profile.x_s[columns], profile.z_s[columns]
     return Profile(x_s, z_s, columns=profile.columns[columns], column_count=profile.column_count)
+
+
+def _columns_by_bearing(profile: Profile) -> Index:
+    """Columns that hold a point, from the wall to the leg."""
+    if kernel.compiled is not None:
+        n = len(profile)
+        found, work = np.empty(n, dtype=np.intp), np.empty((2, n))
+        return found[: kernel.compiled.order_points(profile.x_s, profile.z_s, work, found)]
+    # Many sensors write a zero where they see nothing; and nothing is seen behind them.
+    valid = profile.valid & (profile.z_s > 0)
+    # Others write a far value: no laser line is several times as far away as its middle.
+    farthest = FARTHEST_POINT_RATIO * float(np.median(profile.z_s[valid])) if valid.any() else 0.0
+    valid &= (profile.z_s < farthest) & (np.abs(profile.x_s) < farthest)
+    columns = np.flatnonzero(valid)
+    bearings = -profile.x_s[columns] / profile.z_s[columns]
+    return columns[np.argsort(bearings, kind="stable")]
 
 
 def _fit_on_steel(row: Profile, settings: GrooveSettings, prior: GroovePrior | None) -> GrooveFit:

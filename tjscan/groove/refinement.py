@@ -18,11 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove import kernel
 from tjscan.groove.reflections import LEAST_COLUMNS_OF_HOLE
 from tjscan.groove.settings import FACE_BLUNTNESS, SideModel
 from tjscan.groove.sides import (
     FIXED_WEIGHT,
     LEAST_NOISE,
+    LONGEST_LAG,
     OUTLIER_SIGMAS,
     SCALING_LENGTH,
     SCALING_LENGTH_POWERS,
@@ -34,9 +36,6 @@ from tjscan.groove.sides import (
     corners_between_sides,
 )
 from tjscan.laser.profile import Profile
-
-LONGEST_LAG: Final = 24
-"""Lag in columns beyond which noise is taken as independent."""
 
 WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 """Largest lag of half the correlation: what stays correlated for longer is shape, not noise."""
@@ -243,6 +242,12 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
         Whose noise is known.
     """
     found, block = np.zeros(len(fitted.curves)), POINTS_PER_UNDULATION_BLOCK
+    if kernel.compiled is not None:
+        kernel.compiled.undulation_sigmas(
+            *(fitted.residuals, fitted.keep, np.array(fitted.edges), fitted.sigmas, fitted.counts),
+            *(fitted.curved, fitted.noise.lags, found, fitted.noise.variance_inflation),
+        )
+        return found
     lags = fitted.noise.lags[:block]
     # Variance of a mean of correlated points, over one point's.
     share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2
@@ -288,6 +293,8 @@ def refine_fit(
         Corners of other fits: one that comes as near as `SAME_FIT_DISTANCE` to them is not
         finished.
     """
+    if kernel.compiled is not None:
+        return kernel.refine_fit(kernel.compiled, row, start, model, tolerance, annealed, known)
     widths = FIRST_ROUND_TOLERANCES if annealed else ()
     spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
     curved, inflation = spread[:, 0] > 0, _GUESSED_VARIANCE_INFLATION

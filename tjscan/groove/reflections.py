@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove import kernel
 from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     FittedProfile,
@@ -126,6 +127,11 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
         x and z in metres.
     columns : ndarray of int, shape (n,)
     """
+    if kernel.compiled is not None and len(points):
+        (x, z), n = np.ascontiguousarray(points.T), len(points)
+        bounds, jumps = np.empty(n + 1, dtype=np.intp), np.empty(n, dtype=np.bool_)
+        m = kernel.compiled.find_runs(x, z, columns, bounds, jumps, np.empty(n))
+        return PointRuns(bounds[:m], bounds[1 : m + 1] - bounds[:m], jumps[:m])
     step = np.hypot(*np.diff(points, axis=0).T)
     apart = np.abs(np.diff(columns))
     each = np.concatenate((step[:1] / apart[:1], step / apart, step[-1:] / apart[-1:]))
@@ -310,8 +316,12 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     Both are seen there, and few others are between them. A side that is drawn on from far away
     meets another one as well, and so does a reflection.
     """
-    on = fitted.points_on_sides
     found = np.zeros(len(fitted.corners), dtype=np.bool_)
+    if kernel.compiled is not None:
+        points = fitted.along, fitted.residuals, fitted.keep, np.array(fitted.edges)
+        kernel.compiled.sides_that_meet(*points, np.array(fitted.places), fitted.sigmas, found)
+        return found
+    on = fitted.points_on_sides
     for i, (s_before, s_after) in enumerate(fitted.places):
         start, middle, end = fitted.edges[i : i + 3]
         before = start + np.flatnonzero(on[start:middle])[-FEWEST_MEETING:]

@@ -260,9 +260,7 @@ def _height_and_area_of_face(
     root: CubicCurve, start: float, end: float
 ) -> tuple[float, float, float]:
     """Height of a face over its chord, towards the sensor, the chord, and the area behind it."""
-    points = np.array(
-        [root.point_on_curve(float(s)) for s in np.linspace(start, end, FACE_HEIGHT_SAMPLES)]
-    )
+    points = root.points_on_curve(np.linspace(start, end, FACE_HEIGHT_SAMPLES))
     along = points[-1] - points[0]
     chord = hypot(*along.tolist())
     away = (points - points[0]) @ np.array((along[1], -along[0])) / max(chord, 1e-9)

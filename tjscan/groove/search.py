@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
+from tjscan.groove import kernel
 from tjscan.groove.candidates import ROUGH_REACH_SIGMAS, propose_candidates
 from tjscan.groove.chains import (
     RIVAL_COST_MARGIN,
@@ -255,6 +256,11 @@ def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, toleran
 
     A side that may be rough explains its points less precisely, which costs them, too.
     """
+    if kernel.compiled is not None:
+        costs, values = np.empty(len(fitted.keep)), kernel.model_values(model.sides)
+        own = fitted.residuals, np.array(fitted.edges), fitted.sigmas, values, costs
+        kernel.compiled.costs_of_points(*own, tolerance)
+        return costs
     rough = [max(side.roughness, tolerance) for side in model.sides]
     reach = np.clip(ROUGH_REACH_SIGMAS * fitted.sigmas, tolerance, rough)
     less = WIDER_TOLERANCE_COST * np.log(reach / tolerance)
@@ -285,6 +291,11 @@ def _is_convincing(found: GrooveFit) -> bool:
 
 def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
     """Whether points lie beside each corner on the side before and after it, shape (k - 1, 2)."""
+    if kernel.compiled is not None:
+        seen = np.empty((len(fitted.places), 2), dtype=np.bool_)
+        corners = np.array(fitted.edges), np.array(fitted.places), seen
+        kernel.compiled.points_beside_corners(fitted.along, fitted.keep, *corners)
+        return seen
     ends, starts = np.array(fitted.places).T
     sizes = np.diff(fitted.edges)
     near = np.empty((2, len(fitted.keep)), dtype=np.bool_)

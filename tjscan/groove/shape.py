@@ -10,13 +10,22 @@ from __future__ import annotations
 
 from math import hypot, sqrt
 from statistics import median, median_high
+from types import ModuleType
 from typing import Final
 
 import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
-from tjscan.groove.interreflection import NotchPull, find_pull
+from tjscan.groove import kernel
+from tjscan.groove.interreflection import (
+    SMOOTH_PULLS,
+    TRIED_NOTCH_PULLS,
+    TRIED_PULL_DECAYS,
+    TRIED_PULL_REACHES,
+    NotchPull,
+    find_pull,
+)
 from tjscan.groove.refinement import (
     SIGNIFICANT_SIGMAS,
     correlated_normal_matrices,
@@ -285,6 +294,8 @@ def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
         Of their coordinates and of the angles of the first and the last side's tangents.
     """
     fitted = fit.fitted
+    if kernel.compiled is not None:
+        return _compiled_estimates(kernel.compiled, fit)
     spread = _coefficient_covariances(fit)
     k = len(fitted.curves)
     jacobian = np.zeros((2 * k, 4 * k))
@@ -321,6 +332,26 @@ def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
         own = slice(2 * i, 2 * i + 2)
         covariance[own, own] += sigma[i, j] ** 2 * np.outer(moves, moves)
     return corners, np.asarray(covariance)
+
+
+def _compiled_estimates(compiled: ModuleType, fit: GrooveFit) -> tuple[Array, Array]:
+    """The same by the compiled kernel."""
+    row, fitted, k = fit.row, fit.fitted, len(fit.fitted.curves)
+    straight = fitted.straight if fitted.straight is not None else np.empty(0)
+    corners, covariance = np.empty((k - 1, 2)), np.empty((2 * k, 2 * k))
+    sound = compiled.corner_estimates(
+        *(row.x_s, row.z_s, row.columns),
+        *(np.array(fitted.curves), np.array(fitted.places), fitted.corners),
+        *(fitted.along, fitted.residuals, fitted.sigmas, fitted.keep, np.array(fitted.edges)),
+        *(fitted.curved, *fitted.equations, fitted.inverse, fitted.weight, fitted.counts),
+        *(np.array(fitted.middles), fitted.noise.lags, straight),
+        *(TRIED_NOTCH_PULLS, TRIED_PULL_REACHES, TRIED_PULL_DECAYS, SMOOTH_PULLS),
+        *(kernel.model_values(fit.model.sides), corners, covariance),
+        *(fitted.noise.variance_inflation, row.column_count),
+    )
+    if not sound:
+        raise np.linalg.LinAlgError("the points of a side do not show it")
+    return corners, covariance
 
 
 def _coefficient_covariances(fit: GrooveFit) -> Array:

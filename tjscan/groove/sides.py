@@ -25,6 +25,9 @@ Index = NDArray[np.intp]
 OUTLIER_SIGMAS: Final = 3.3
 """Residuals beyond this many standard deviations are outliers."""
 
+LONGEST_LAG: Final = 24
+"""Lag in columns beyond which noise is taken as independent."""
+
 LEAST_NOISE: Final = 4e-6
 """Least standard deviation that a threshold rests on, in metres: shape, not noise."""
 
@@ -90,6 +93,12 @@ class CubicCurve(NamedTuple):
         """Point of the curve at s."""
         q, _ = self.height_and_slope(s)
         return self.cx + s * self.tx + q * self.tz, self.cz + s * self.tz - q * self.tx
+
+    def points_on_curve(self, s: Array) -> Array:
+        """Points of the curve, shape (n, 2), at places s, shape (n,)."""
+        q = self.c0 + s * (self.c1 + s * (self.c2 + s * self.c3))
+        x, z = self.cx + s * self.tx + q * self.tz, self.cz + s * self.tz - q * self.tx
+        return np.column_stack((x, z))
 
     def tangent_at(self, s: float) -> tuple[float, float]:
         """Unit tangent of the curve at s."""

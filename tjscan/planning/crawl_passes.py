@@ -1,45 +1,46 @@
-"""A plan of a butt joint as passes of a crawl job: one offset, height and speed each."""
+"""A plan of a butt joint as passes of a crawl job."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import Final
 
 import numpy as np
 
+from tjscan.core.bead_segments import BeadSegments
 from tjscan.core.errors import ConfigurationError
 from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
 
+SEGMENT_LENGTH: Final = 20e-3
+"""Metres along the joint from row to row of a pass, at most: no section is seen more finely."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CrawlPass:
-    """A bead as a crawler can weld it: with one path and one speed for a whole pass.
+    """A bead as a crawler welds it.
 
     Parameters
     ----------
     bead : PlannedBead
         As it is planned.
-    speed : float
-        Along the joint, m/s.
-    offset, height : float
-        Of the wire's tip, to the right of the joint's centre and over the hull, metres.
+    table : BeadSegments
+        Rows along the joint; offset to the right of its centre, and height over the hull.
     strays : float
         How far the bead's own path is from that, at most, metres.
     misfills : float
-        Largest deviation of the area deposited at this speed from the area of the bead, as a
-        share of it.
+        Largest deviation of the area deposited from the area of the bead, as a share of it.
     """
 
     bead: PlannedBead
-    speed: float
-    offset: float
-    height: float
+    table: BeadSegments
     strays: float
     misfills: float
 
 
 def crawl_passes_of_plan(plan: WeldPlan) -> tuple[CrawlPass, ...]:
-    """Passes for a crawler, one for each bead; they deposit the same volume.
+    """Passes for a crawler, one for each bead.
 
     Parameters
     ----------
@@ -68,12 +69,12 @@ def crawl_passes_of_plan(plan: WeldPlan) -> tuple[CrawlPass, ...]:
         raise ConfigurationError(reason, key=key)
     found = []
     for bead in plan.beads:
-        sides = bead.points[:, 1:] * (1, -1)
-        middle = np.trapezoid(sides, bead.s, axis=0) / (bead.s[-1] - bead.s[0])
-        area = bead.volume / bead.length
-        rate = float(plan.wps.deposition_rate(np.array(bead.feed)))
-        offset, height = middle.tolist()
-        strays = float(np.linalg.norm(sides - middle, axis=1).max())
-        misfills = float(np.abs(area / bead.area - 1).max())
-        found.append(CrawlPass(bead, rate / area, offset, height, strays, misfills))
+        rows = ceil(bead.length / SEGMENT_LENGTH) + 1
+        s, (offset, height) = bead.s, bead.points[:, 1:].T * np.array([[1.0], [-1.0]])
+        full = replace(bead.at_points, offset=offset, height=height)
+        table = full.at(np.linspace(s[0], s[-1], rows))
+        now = table.at(s)
+        strays = np.hypot(now.offset - offset, now.height - height)
+        misfills = np.abs(plan.wps.deposition_rate(now.feed) / now.speed / bead.area - 1)
+        found.append(CrawlPass(bead, table, float(strays.max()), float(misfills.max())))
     return tuple(found)

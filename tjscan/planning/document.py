@@ -18,11 +18,11 @@ from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import rotation_to_vector
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import DEG, MM, MM2, FileUnit
+from tjscan.core.units import DEG, M_PER_MIN, MM, MM2, FileUnit
 from tjscan.planning.details import DetailStretch
 from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
-from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN
+from tjscan.planning.wps import KJ_PER_MM, MM_PER_MIN
 
 Range = Annotated[tuple[float, float], Field(strict=False, description="least and most")]
 
@@ -81,6 +81,8 @@ class BeadEntry(StrictFileModel):
         length along the groove at its start
     length_mm : float
         of the tip's path
+    weave_mm : tuple of float
+        how far the torch swings to either side
     positions : tuple of str
         after ISO 6947
     fill_sigma : float
@@ -97,10 +99,11 @@ class BeadEntry(StrictFileModel):
     begin_mm: float
     end_mm: float
     length_mm: float
-    feed_m_min: float
+    feed_m_min: Range
     speed_mm_min: Range
     area_mm2: Range
     width_mm: Range
+    weave_mm: Range
     heat_kJ_mm: Range  # noqa: N815
     positions: List[str]
     arc_time_s: float
@@ -216,7 +219,7 @@ class PlanDocument(StrictFileModel):
     """
 
     schema_name: Literal["tjscan.plan"] = "tjscan.plan"
-    version: Literal[2] = 2
+    version: Literal[3] = 3
     run: str
     wps: str
     provenance: Provenance
@@ -448,13 +451,17 @@ def beads_to_csv(plan: WeldPlan, provenance: Provenance) -> str:
 def _number_columns(bead: PlannedBead) -> dict[str, Array]:
     """Columns of numbers of ``beads.csv``; rx, ry and rz are the torch's rotation vector, rad."""
     x, y, z = bead.points.T / MM.factor
+    now = bead.at_points
     rx, ry, rz = rotation_to_vector(bead.T_r_torch[:, :3, :3]).T
     return {
         "s_mm": bead.s / MM.factor,
         **{"x_mm": x, "y_mm": y, "z_mm": z, "rx": rx, "ry": ry, "rz": rz},
-        "speed_mm_min": bead.speed / MM_PER_MIN.factor,
-        "sigma_speed_mm_min": bead.relative_sigma * bead.speed / MM_PER_MIN.factor,
-        "feed_m_min": np.full(len(bead.s), bead.feed / M_PER_MIN.factor),
+        "speed_mm_min": now.speed / MM_PER_MIN.factor,
+        "sigma_speed_mm_min": bead.relative_sigma * now.speed / MM_PER_MIN.factor,
+        "feed_m_min": now.feed / M_PER_MIN.factor,
+        "offset_mm": now.offset / MM.factor,
+        "height_mm": now.height / MM.factor,
+        "weave_mm": now.weave / MM.factor,
         "area_mm2": bead.area / MM2.factor,
         "sigma_area_mm2": bead.relative_sigma * bead.area / MM2.factor,
         "width_mm": bead.width / MM.factor,
@@ -464,16 +471,22 @@ def _number_columns(bead: PlannedBead) -> dict[str, Array]:
     }
 
 
+def _range_text(limits: tuple[float, float], digits: int) -> str:
+    """Least and most, or the one number that both are as printed."""
+    return "–".join(dict.fromkeys(f"{limit:.{digits}f}" for limit in limits))
+
+
 BEAD_COLUMNS: Final[Mapping[str, Callable[[BeadEntry], str]]] = {
     "bead": lambda bead: str(bead.number),
     "station": lambda bead: bead.station or "–",
     "layer": lambda bead: f"{bead.layer}.{bead.place}",
     "kind": lambda bead: bead.kind,
     "length / mm": lambda bead: f"{bead.length_mm:.0f}",
-    "wire / (m/min)": lambda bead: f"{bead.feed_m_min:.2f}",
-    "speed / (mm/min)": lambda bead: "{:.0f}–{:.0f}".format(*bead.speed_mm_min),
-    "area / mm²": lambda bead: "{:.1f}–{:.1f}".format(*bead.area_mm2),
-    "heat / (kJ/mm)": lambda bead: "{:.2f}–{:.2f}".format(*bead.heat_kJ_mm),
+    "wire / (m/min)": lambda bead: _range_text(bead.feed_m_min, 2),
+    "speed / (mm/min)": lambda bead: _range_text(bead.speed_mm_min, 0),
+    "area / mm²": lambda bead: _range_text(bead.area_mm2, 1),
+    "weave ± / mm": lambda bead: _range_text(bead.weave_mm, 1),
+    "heat / (kJ/mm)": lambda bead: _range_text(bead.heat_kJ_mm, 2),
     "position": lambda bead: " ".join(bead.positions),
     "arc / min": lambda bead: f"{bead.arc_time_s / 60:.1f}",
     "fill ± / %": lambda bead: f"{100 * bead.fill_sigma:.1f}",

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from tjscan.core.bead_segments import BeadSegments
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, array_dataclass, cross, unit_vectors
 from tjscan.planning import path
@@ -41,16 +42,13 @@ class PlannedBead:
         Layer from the root, and place in it from the bevel; from 1.
     kind : str
         root, fill or cap.
-    feed : float
-        Wire feed, m/s.
-    power : float
-        Of the arc, watts.
+    segments : BeadSegments
+        How it is welded along the groove: speed, wire feed, weave, and how far it is from the path
+        that was planned first.
     s : ndarray, shape (q,)
         Length along the groove, metres; beyond the groove's own if a bead overlaps its start.
     T_r_torch : ndarray, shape (q, 4, 4)
         Tip of the wire in the frame of the sections: z into the work, x the way it travels.
-    speed : ndarray, shape (q,)
-        Of the tip, m/s.
     area : ndarray, shape (q,)
         Laid down a metre of the tip's path, m².
     heat : ndarray, shape (q,)
@@ -77,11 +75,9 @@ class PlannedBead:
     layer: int
     place: int
     kind: str
-    feed: float
-    power: float
+    segments: BeadSegments
     s: Array
     T_r_torch: Array
-    speed: Array
     area: Array
     heat: Array
     slope: Array
@@ -105,6 +101,43 @@ class PlannedBead:
             replace(self, **{name: value[a : b + 1] for name, value in sampled.items()})
             for a, b in spans
         )
+
+    def with_segments(self, segments: BeadSegments, wps: WeldingProcedure) -> PlannedBead:
+        """The bead moved, and welded, as another table has it; its area and heat follow from that.
+
+        Parameters
+        ----------
+        segments : BeadSegments
+            With places in the groove's own lengths and stated wire feeds.
+        wps : WeldingProcedure
+            What wire and arc bring.
+        """
+        now, before, T = segments.at(self.s), self.at_points, self.T_r_torch.copy()
+        T[:, :3, 3] += (now.offset - before.offset)[:, None] * T[:, :3, 1]
+        T[:, :3, 3] -= (now.height - before.height)[:, None] * T[:, :3, 2]
+        area = wps.deposition_rate(now.feed) / now.speed
+        heat = wps.heat_input(now.feed, now.speed)
+        return replace(self, segments=segments, T_r_torch=T, area=area, heat=heat)
+
+    @property
+    def at_points(self) -> BeadSegments:
+        """Its segments at its points."""
+        return self.segments.at(self.s)
+
+    @property
+    def speed(self) -> Array:
+        """Travel speed of the tip, shape (q,), m/s."""
+        return self.at_points.speed
+
+    @property
+    def feed(self) -> Array:
+        """Wire feed, shape (q,), m/s."""
+        return self.at_points.feed
+
+    @property
+    def weave(self) -> Array:
+        """How far it swings to either side, shape (q,), metres."""
+        return self.at_points.weave
 
     @property
     def begin(self) -> float:
@@ -141,6 +174,12 @@ class PlannedBead:
     def arc_time(self) -> float:
         """Seconds with the arc on."""
         return float(self.times[-1])
+
+    @property
+    def wire_length(self) -> float:
+        """Wire that is fed, metres."""
+        feed = self.feed
+        return float(np.sum(np.diff(self.times) * 0.5 * (feed[1:] + feed[:-1])))
 
     @property
     def volume(self) -> float:
@@ -259,7 +298,9 @@ class ArrangedGroove:
             if wps.sequence.reverse:
                 travel = -travel
             slope, rotation = slope_and_rotation(face[:, place], travel, gravity)
-            speed = wps.deposition_rate(np.array(kind.feed)) / area
+            feed = np.full_like(area, kind.feed)
+            speed, off = wps.deposition_rate(feed) / area, np.zeros_like(area)
+            weave = off if wps.weave is None else wps.weave.amplitude(widths[:, place])
             T = np.tile(np.eye(4), (len(s), 1, 1))
             T[:, :3, :3] = torch_rotations(outward[:, place], travel, wps.torch.travel_angle)
             T[:, :3, 3] = lines.aims[:, j]
@@ -269,13 +310,11 @@ class ArrangedGroove:
                     layer=layer + 1,
                     place=place + 1,
                     kind=name,
-                    feed=kind.feed,
-                    power=float(wps.arc.power_at(np.array(kind.feed))),
+                    segments=BeadSegments(s, speed, off, off, weave, feed),
                     s=s[way],
                     T_r_torch=T[way],
-                    speed=speed[way],
                     area=area[way],
-                    heat=wps.heat_input(np.array(kind.feed), speed)[way],
+                    heat=wps.heat_input(feed, speed)[way],
                     slope=slope[way],
                     rotation=rotation[way],
                     positions=position_names(slope, rotation)[way],

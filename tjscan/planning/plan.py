@@ -11,13 +11,13 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, Mask
-from tjscan.core.units import MM2, FileUnit
+from tjscan.core.units import M_PER_MIN, MM2, FileUnit
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
 from tjscan.planning.lay import ArrangedGroove, PlannedBead
 from tjscan.planning.path import LONGEST_STATION_STEP, cut_groove_stations, map_template_onto
 from tjscan.planning.stops import SHORTEST_SPAN, StationStretch, StopPlacement
 from tjscan.planning.topology import LIMIT_TOLERANCE, Arrangement, BeadArranger, NoArrangementFits
-from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN, WeldingProcedure
+from tjscan.planning.wps import KJ_PER_MM, MM_PER_MIN, WeldingProcedure
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     """
     table, limits = wps.limits_of_bead(open_root=bead.open_root)
     checks: tuple[tuple[str, FileUnit, Array, tuple[float, float]], ...] = (
-        (f"{table}.wire_feed", M_PER_MIN, np.full_like(bead.speed, bead.feed), limits.wire_feed),
+        (f"{table}.wire_feed", M_PER_MIN, bead.feed, limits.wire_feed),
         (f"{table}.travel_speed", MM_PER_MIN, bead.speed, limits.travel_speed),
         (f"{table}.heat_input", KJ_PER_MM, bead.heat, limits.heat_input),
         (f"bead.{bead.kind}_area", MM2, bead.area, getattr(wps.bead, f"{bead.kind}_area")),
@@ -214,7 +214,7 @@ class WeldPlan:
     @property
     def wire_length(self) -> float:
         """Wire that is fed, metres."""
-        return sum(bead.arc_time * bead.feed for bead in self.beads)
+        return sum(bead.wire_length for bead in self.beads)
 
     @property
     def gas_volume(self) -> float:

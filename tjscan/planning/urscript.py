@@ -13,11 +13,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 
+from tjscan.core.bead_segments import weave_corners, weave_swing
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_to_vector
 from tjscan.planning.lay import PlannedBead
-from tjscan.planning.wps import TorchSettings
+from tjscan.planning.wps import WeaveSettings, WeldingProcedure
 
 BLEND_RADIUS_SHARE: Final = 0.2
 """Radius of a blend as a share of the shorter step beside it: blends never touch."""
@@ -53,6 +55,33 @@ class BeadPath:
     path: Array
     retreat: Array
 
+    def woven(self, weave: WeaveSettings | None) -> tuple[Array, Array]:
+        """Poses of the wire's tip along the bead, and when it is there, seconds since the strike.
+
+        Parameters
+        ----------
+        weave : WeaveSettings or None
+            How it swings where the bead's segments ask for it.
+
+        Returns
+        -------
+        tuple of ndarray, shape (k, 4, 4) and (k,)
+        """
+        times, swings = self.bead.times, self.bead.weave
+        if weave is None or not swings.any():
+            return self.path, times
+        corners = weave_corners(weave.period, weave.dwell)[1:5]
+        swung = np.arange(0.0, times[-1], weave.period)[:, None]
+        at = np.unique(np.concatenate((times[[0, -1]], (swung + corners).ravel())))
+        at = at[at <= times[-1]]
+        T = np.tile(np.eye(4), (len(at), 1, 1))
+        turns = scipy.spatial.transform.Rotation.from_matrix(self.path[:, :3, :3])
+        T[:, :3, :3] = scipy.spatial.transform.Slerp(times, turns)(at).as_matrix()
+        way = scipy.interpolate.interp1d(times, self.path[:, :3, 3], axis=0)(at)
+        aside = np.interp(at, times, swings) * weave_swing(at, weave.period, weave.dwell)
+        T[:, :3, 3] = way + aside[:, None] * T[:, :3, 1]
+        return T, at
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationPath:
@@ -73,15 +102,15 @@ class StationPath:
     beads: tuple[BeadPath, ...]
 
 
-def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, arc: bool) -> str:
+def path_to_urscript(path: StationPath, wps: WeldingProcedure, output: int, *, arc: bool) -> str:
     """Write the path of a station's torch as a URScript program.
 
     Parameters
     ----------
     path : StationPath
         The path.
-    torch : TorchSettings
-        The torch.
+    wps : WeldingProcedure
+        With the torch and the weave.
     output : int
         Number of the standard digital output that switches the arc.
     arc : bool
@@ -93,26 +122,28 @@ def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, ar
         "  # in the arm's base frame: metres, rotation vectors in radians",
         f"  # wire feed is not set here; the arc is {'switched' if arc else 'never switched on'}",
         f"  set_standard_digital_out({output}, False)",
-        f"  set_tcp({_pose_text(torch.tcp.T)})",
+        f"  set_tcp({_pose_text(wps.torch.tcp.T)})",
         "  # the way from where the arm is to here is not checked",
         f"  movej([{joints}], a={TOOL_ACCELERATION}, v={APPROACH_JOINT_SPEED})",
     ]
     for one in path.beads:
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
         lines += _movel_lines(one.approach)
-        lines += _bead_move_lines(one, output, arc=arc)
+        lines += _bead_move_lines(one, wps.weave, output, arc=arc)
         lines += _movel_lines(one.retreat)
     return "\n".join((*lines, "end", ""))
 
 
-def _bead_move_lines(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
+def _bead_move_lines(
+    one: BeadPath, weave: WeaveSettings | None, output: int, *, arc: bool
+) -> Iterator[str]:
     if arc:
         yield f"  set_standard_digital_out({output}, True)"
-    bead, steps = one.bead, one.bead.path_steps
-    for i, T in enumerate(one.path[1:], start=1):
-        # A step has one speed: that between its ends.
-        speed = 2 / (1 / bead.speed[i - 1] + 1 / bead.speed[i])
-        blend = BLEND_RADIUS_SHARE * min(steps[i - 1], steps[i]) if i < len(steps) else 0.0
+    poses, times = one.woven(weave)
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    speeds = steps / np.diff(times)  # a step has one speed
+    blends = np.append(BLEND_RADIUS_SHARE * np.minimum(steps[1:], steps[:-1]), 0.0)
+    for T, speed, blend in zip(poses[1:], speeds, blends, strict=True):
         yield f"  movep({_pose_text(T)}, a={TOOL_ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
     yield f"  set_standard_digital_out({output}, False)"
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from tjscan.core.units import MM
+from tjscan.core.units import M_PER_MIN, MM
 from tjscan.planning.document import PlanDocument
 from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan
-from tjscan.planning.wps import KJ_PER_MM, M_PER_MIN, MM_PER_MIN
+from tjscan.planning.wps import KJ_PER_MM, MM_PER_MIN, WeldingProcedure
 
 
 def weldx_is_installed() -> bool:
@@ -49,13 +49,15 @@ def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root
         places = weldx.Q_(bead.points / MM.factor, "mm")
         frame = weldx.LocalCoordinateSystem(bead.T_r_torch[:, :3, :3], places, times)
         frames.add_cs(f"torch, bead {bead.number}{part}", root, frame)
-        beads.append(_bead_settings(weldx, bead, times))
+        beads.append(_bead_settings(weldx, bead, times, plan.wps))
     tree = {"plan": document.model_dump(mode="json"), "coordinate_systems": frames, "beads": beads}
     with weldx.WeldxFile(tree=tree, mode="rw") as made:
         made.write_to(file)
 
 
-def _bead_settings(weldx: Any, bead: PlannedBead, times: Any) -> dict[str, Any]:
+def _bead_settings(
+    weldx: Any, bead: PlannedBead, times: Any, wps: WeldingProcedure
+) -> dict[str, Any]:
     def over_time(values: Any, unit: str) -> Any:
         return weldx.TimeSeries(weldx.Q_(np.asarray(values), unit), times, "linear")
 
@@ -63,8 +65,8 @@ def _bead_settings(weldx: Any, bead: PlannedBead, times: Any) -> dict[str, Any]:
         "bead": bead.number,
         "part": bead.part,
         "kind": bead.kind,
-        "wire_feed": weldx.Q_(bead.feed / M_PER_MIN.factor, "m/min"),
-        "power": weldx.Q_(bead.power, "W"),
+        "wire_feed": over_time(bead.feed / M_PER_MIN.factor, "m/min"),
+        "power": over_time(wps.arc.power_at(bead.feed), "W"),
         "travel_speed": over_time(bead.speed / MM_PER_MIN.factor, "mm/min"),
         "heat_input": over_time(bead.heat / KJ_PER_MM.factor, "kJ/mm"),
     }

@@ -17,12 +17,20 @@ from pydantic import AfterValidator, model_validator
 
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.frames import Array
-from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, PoseSettings
+from tjscan.core.units import (
+    DEG,
+    LIST_OR_WORD_IN_FILE,
+    M_PER_MIN,
+    MM,
+    MM2,
+    SECONDS,
+    FileUnit,
+    PoseSettings,
+)
 from tjscan.core.units import SettingsTable as Table
 from tjscan.robot.settings import SolidSettings
 
 MM_PER_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
-M_PER_MIN: Final = FileUnit("m_min", 1 / 60)
 KJ_PER_MM: Final = FileUnit("kJ_mm", 1e6)
 LITRE_PER_MINUTE: Final = FileUnit("l_min", 1e-3 / 60)
 KG_PER_CUBIC_METRE: Final = FileUnit("kg_m3")
@@ -149,6 +157,33 @@ class BeadSettings(Table):
     layer_height: Annotated[_Window, MM]
     cap_height: Annotated[float, Ge(0), Le(20), MM]
     weave_limit: Annotated[float, Gt(0), Le(100), MM]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeaveSettings(Table):
+    """Settings of a weave: beads wider than the arc alone makes them are woven.
+
+    Parameters
+    ----------
+    stringer_width : float
+        Of the widest bead that is laid without a weave, metres.
+    period : float
+        Of a whole swing there and back, dwells included, seconds.
+    dwell : float
+        How long the torch stays at each end, seconds.
+    """
+
+    stringer_width: Annotated[float, Gt(0), Le(100), MM]
+    period: Annotated[float, Gt(0), Le(60), SECONDS]
+    dwell: Annotated[float, Ge(0), Le(10), SECONDS]
+
+    def __post_init__(self) -> None:
+        if not 2 * self.dwell < self.period:
+            raise ValueError("two dwell_s leave no time to swing: make period_s longer")
+
+    def amplitude(self, width: Array) -> Array:
+        """How far to either side to swing for beads of widths, shape (m,), metres."""
+        return np.maximum(0.5 * (width - self.stringer_width), 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -308,6 +343,7 @@ class WeldingProcedure(StrictFileModel):
     root: RootSettings
     torch: TorchSettings
     sequence: SequenceSettings
+    weave: WeaveSettings | None = None
     detail: Annotated[tuple[JointDetail, ...], MaxLen(50), LIST_OR_WORD_IN_FILE] = ()
 
     @model_validator(mode="after")

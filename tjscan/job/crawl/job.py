@@ -8,6 +8,7 @@ from math import tan
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
+import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import Field
 
@@ -236,7 +237,7 @@ class CrawlJob(StrictFileModel):
                 f"steering.least_radius_mm allows, {least:g} m",
             )
         for number, one in enumerate(self.passes, start=1):
-            farthest = abs(one.offset) + one.weave
+            farthest = float((np.abs(one.table.offset) + one.table.weave).max())
             if farthest > self.torch.reach:
                 yield (
                     "torch.reach_mm",

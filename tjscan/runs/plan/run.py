@@ -18,7 +18,7 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, PoseUnreachab
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import MM, MM2, MM_S
+from tjscan.core.units import M_PER_MIN, MM, MM2, MM_S
 from tjscan.crawler.joint_tracking.tracking import BURIED_HEIGHT, ButtJointReading, JointTracker
 from tjscan.crawler.journal import CRAWL_RECORDING
 from tjscan.crawler.phases import Phase
@@ -36,7 +36,7 @@ from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import UNREACHED_STATION, StationStretch, crowns_and_saddles
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
-from tjscan.planning.wps import M_PER_MIN, WeldingProcedure, read_wps
+from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.directory import CLOUD_FILE, JOB_FILE, SECTIONS_FILE, job_label_of_run
 from tjscan.result.export import WELDX_ROOT_FRAME_NAMES
 from tjscan.result.shapes import read_finished_sections, read_run_shape
@@ -368,7 +368,7 @@ def plan_run(
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     head = "".join(provenance.comment_lines("#").splitlines(keepends=True)[:3])  # no frame, units
     programs = {
-        name: head + path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
+        name: head + path_to_urscript(path, wps, switch.output, arc=switch.on)
         for name, path in divided.paths.items()
     }
     return write_plan(directory, out, wps_file, divided, provenance, programs, details)
@@ -434,35 +434,50 @@ def plan_crawl_run(
     provenance = Provenance.for_file_written_now(label, CRAWL_PLAN_FRAME, "mm")
     begin, end = 1e3 * start, 1e3 * (start + edges.length)
     head = f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
-    text = provenance.comment_lines("#") + head + passes_to_toml(passes, wps.name)
+    text = provenance.comment_lines("#") + head + passes_to_toml(passes, wps, start)
     divided = DividedPlan(plan, without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}")
     return write_plan(directory, out, wps_file, divided, provenance, {CRAWL_PASSES_FILE: text})
 
 
-def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:
+def passes_to_toml(passes: Sequence[CrawlPass], wps: WeldingProcedure, start: float) -> str:
     """Write passes as the tables of a crawl job.
 
     Parameters
     ----------
     passes : sequence of CrawlPass
         In the order of welding.
-    procedure : str
-        Name of the WPS.
+    wps : WeldingProcedure
+        That they are of.
+    start : float
+        Where the planned joint begins along the weld, metres.
     """
     lines = []
     for one in passes:
-        bead = one.bead
+        bead, table = one.bead, one.table
         lines += [
             "",
-            f"# bead {bead.number}: {bead.kind}, layer {bead.layer}.{bead.place}, wire feed "
-            f"{bead.feed / M_PER_MIN.factor:.2f} m/min; up to {1e3 * one.strays:.2f} mm off the "
-            f"bead's own path, fill up to {100 * one.misfills:.1f} % off",
+            f"# bead {bead.number}: {bead.kind}, layer {bead.layer}.{bead.place}; between rows up "
+            f"to {1e3 * one.strays:.2f} mm off the bead's own path, fill up to "
+            f"{100 * one.misfills:.1f} % off",
             "[[pass]]",
-            f"speed_mm_s = {one.speed / MM_S.factor:.4f}",
-            f"offset_mm = {one.offset / MM.factor:.3f}",
-            f"height_mm = {one.height / MM.factor:.3f}",
-            f"procedure = {json.dumps(procedure, ensure_ascii=False)}",
+            f"procedure = {json.dumps(wps.name, ensure_ascii=False)}",
         ]
+        if wps.weave is not None:
+            swing = wps.weave
+            lines += [f"weave_period_s = {swing.period:g}", f"dwell_s = {swing.dwell:g}"]
+        columns = {
+            "s_mm": (table.s + start) / MM.factor,
+            "speed_mm_s": table.speed / MM_S.factor,
+            "offset_mm": table.offset / MM.factor,
+            "height_mm": table.height / MM.factor,
+            "weave_mm": table.weave / MM.factor,
+            "feed_m_min": table.feed / M_PER_MIN.factor,
+        }
+        rows = [
+            ", ".join(f"{key} = {x:.4f}" for key, x in zip(columns, row, strict=True))
+            for row in zip(*columns.values(), strict=True)
+        ]
+        lines += ["segments = [", *(f"  {{ {row} }}," for row in rows), "]"]
     return "\n".join(lines) + "\n"
 
 

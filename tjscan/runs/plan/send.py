@@ -14,7 +14,7 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.job.cell import collision_model_of_job, kinematics_of_job
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.urscript import StationPath, path_to_urscript
-from tjscan.planning.wps import TorchSettings
+from tjscan.planning.wps import WeldingProcedure
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision_checked import CollisionCheckedArm
@@ -110,7 +110,7 @@ def find_station_path(paths: Mapping[str, StationPath], station: str | None) -> 
 def send_program(
     job: ScanJob,
     path: StationPath,
-    torch: TorchSettings,
+    wps: WeldingProcedure,
     switch: ArcSwitch,
     started: Callable[[], object],
 ) -> None:
@@ -122,8 +122,8 @@ def send_program(
         Of the arm.
     path : StationPath
         Of its station.
-    torch : TorchSettings
-        What it carries.
+    wps : WeldingProcedure
+        With the torch that it carries.
     switch : ArcSwitch
         How the program switches the arc.
     started : callable
@@ -135,14 +135,14 @@ def send_program(
         If the arm can't be reached, is not ready, or did not come to the program's end.
     """
     model, table = kinematics_of_job(job), job.clearance
-    collisions = collision_model_of_job(job, model, torch.solid)
+    collisions = collision_model_of_job(job, model, wps.torch.solid)
     clearance = ClearPathPlanner(model, collisions, table)
     limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
     device = UrArm(model, job.arm.driver_settings, limits)
     off = f"def tjscan_arc_off():\n  set_standard_digital_out({switch.output}, False)\nend\n"
     T_b_tcp: Array = path.beads[-1].retreat[-1]
-    script = path_to_urscript(path, torch, switch.output, arc=switch.on)
-    with CollisionCheckedArm(device, clearance, torch.tcp.T, lifts=table.lifts) as checked:
-        start = path.beads[0].approach[0] @ inverse_pose(torch.tcp.T)
+    script = path_to_urscript(path, wps, switch.output, arc=switch.on)
+    with CollisionCheckedArm(device, clearance, wps.torch.tcp.T, lifts=table.lifts) as checked:
+        start = path.beads[0].approach[0] @ inverse_pose(wps.torch.tcp.T)
         checked.move_joint_to_pose(start, near=np.asarray(path.q))
         device.run_program(UrProgram(script, T_b_tcp, off), started)
