@@ -10,7 +10,7 @@ the cause.
 Each row takes two seeds through whole profiles, and eight more by readings of the joint that are
 as noisy, in a third of the time. ``--quick`` takes one of either, and two faults of three;
 ``--only WORD`` takes the rows and faults whose names hold the word; ``--seeds N`` as many seeds,
-``--first N`` from another one on.
+``--first N`` from another one on, ``--profiles N`` of them through whole profiles.
 """
 
 from __future__ import annotations
@@ -75,6 +75,8 @@ class SoundRow:
         Of the joint as the job states it, metres; straight if left out.
     may_stop : bool, optional
         Whether a stop is as good as a weld.
+    needs_profiles : bool, optional
+        Whether what is rough shows in profiles alone.
     """
 
     hull: Hull
@@ -82,6 +84,7 @@ class SoundRow:
     most: float = MOST_OFF * 1e3
     radius: float | None = None
     may_stop: bool = False
+    needs_profiles: bool = False
 
 
 def slipping(ratio: float, *, sign: float = 1.0) -> Hull:
@@ -108,8 +111,10 @@ SOUND: Final[dict[str, SoundRow]] = {
     "wet, encoders alone": SoundRow(Hull(friction=0.3, inertial=False), (0.25, 0.25)),
     "radius 20 m": SoundRow(Hull(curvature=1 / 20), (0.3, 0.3), radius=20.0),
     "kink 3 mm in 100 mm": SoundRow(Hull(kink=3e-3), (0.3, 0.3)),
-    "bead over one edge": SoundRow(Hull(capped=True), (0.3, 0.3)),
-    "filled by a tack for 40 mm": SoundRow(Hull(tack=(0.2, 0.08, 0.02)), (0.3, 0.3)),
+    "bead over one edge": SoundRow(Hull(capped=True), (0.3, 0.3), needs_profiles=True),
+    "filled by a tack for 40 mm": SoundRow(
+        Hull(tack=(0.2, 0.08, 0.02)), (0.3, 0.3), needs_profiles=True
+    ),
 }
 """The vehicle has a gyro and an inclinometer but where a row says otherwise. The last four are
 joints on which a crawl should go on."""
@@ -325,11 +330,11 @@ PICTURE_FAULTS: Final = (
 )  # fmt: skip
 
 
-def measure(*, quick: bool, seeds: int, first: int, only: str) -> Iterator[Row]:
+def measure(*, quick: bool, seeds: int, first: int, profile_seeds: int, only: str) -> Iterator[Row]:
     """Every row."""
     faults = tuple(name for name in FAULTS if only in name)
     names = [name for name in SOUND if faults or only in name]
-    hulls, profile_seeds = HULLS_OF_A_FAULT - quick, PROFILE_SEEDS - quick
+    hulls = HULLS_OF_A_FAULT - quick
     asked = [
         (
             name,
@@ -341,7 +346,7 @@ def measure(*, quick: bool, seeds: int, first: int, only: str) -> Iterator[Row]:
                 and (SOUND[name].hull.inertial or fault not in INERTIAL_FAULTS)
                 and not (fault in PICTURE_FAULTS and seed >= first + profile_seeds)
             ),
-            seed < first + profile_seeds,
+            seed < first + profile_seeds or SOUND[name].needs_profiles,
         )
         for seed in range(first, first + seeds)
         for k, name in enumerate(names)
@@ -431,6 +436,12 @@ if __name__ == "__main__":
     words = [word for word in sys.argv[1:] if word != "--quick"]
     quick = len(words) < len(sys.argv) - 1
     seeds = int(_option(words, "--seeds", str(QUICK_SEEDS if quick else FULL_SEEDS)))
-    first, only = int(_option(words, "--first", "1")), _option(words, "--only", "")
-    asked = partial(measure, quick=quick, seeds=seeds, first=first, only=only)
+    asked = partial(
+        measure,
+        quick=quick,
+        seeds=seeds,
+        first=int(_option(words, "--first", "1")),
+        profile_seeds=int(_option(words, "--profiles", str(PROFILE_SEEDS - quick))),
+        only=_option(words, "--only", ""),
+    )
     sys.exit(main("Crawler with faults", asked, words))
