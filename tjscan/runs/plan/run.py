@@ -32,6 +32,7 @@ from tjscan.planning.crawl_passes import CrawlPass, crawl_passes_of_plan
 from tjscan.planning.details import DetailStretch, find_stretches_off_details
 from tjscan.planning.document import PlanDocument, StationEntry, beads_to_csv, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners, fit_groove_edges
+from tjscan.planning.leg import bound_groove_by_leg
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import UNREACHED_STATION, StationStretch, crowns_and_saddles
 from tjscan.planning.urscript import StationPath, path_to_urscript
@@ -192,12 +193,16 @@ def divide_plan(
             f"no station reaches any of the groove with this torch: {reasons}", key="torch"
         )
     divided, paths, entries = replan(stretches), dict[str, StationPath](), []
+    welding = {bead.station for bead in divided.beads}
+    names = tuple(arm.name for arm in arms if arm.name in welding)
     for reach in reaches:
         name, problem, file = reach.station.name, "", ""
-        if any(bead.station == name for bead in divided.beads):
+        if name in welding:
             file = "plan.urscript" if name == SOLE_STATION_NAME else f"plan-{name}.urscript"
             try:
-                paths[file] = reach.lead_torch(divided)
+                path = reach.lead_torch(divided)
+                k = names.index(name)
+                paths[file] = replace(path, before=names[:k], after=names[k + 1 :])
             except PoseUnreachable as error:
                 file, problem = "", error.reason
         stretch, entry = reach.stretch, {"program": file, "without_program": problem}
@@ -352,6 +357,7 @@ def plan_run(
         areas = [part.area_mm2 for part in parts if part.shared]
         shared = MM2.factor * float(np.linalg.norm(areas))
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
+        edges = bound_groove_by_leg(edges)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
