@@ -32,6 +32,7 @@ from _designed_grooves import (
     many_joints,
     ring_solid,
 )
+from _second_reader import count_outside, samples_of_program, samples_of_table
 from _stopwatch import Stopwatch
 from _table import Row, main
 from _weld_programs import find_reaches, follow_program
@@ -39,11 +40,14 @@ from _weld_programs import find_reaches, follow_program
 from tjscan.cli import main as tjscan
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.joint.file import read_joint
+from tjscan.planning.document import beads_to_csv
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import chord_error_and_kink, cut_groove_stations, map_template_onto
 from tjscan.planning.plan import WeldPlan, plan_weld
+from tjscan.planning.urscript import path_to_urscript
 from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.shapes import sort_sections_by_azimuth
 from tjscan.result.table import read_sections_csv
@@ -130,6 +134,39 @@ def share_inside(plan: WeldPlan) -> float:
     return 100 * float(np.concatenate(inside).mean())
 
 
+TIGHTENED: Final = (
+    ("heat_input_kJ_mm = [0.5, 2.0]", "heat_input_kJ_mm = [0.5, 1.3]"),
+    ("travel_speed_mm_min = [240.0, 420.0]", "travel_speed_mm_min = [240.0, 340.0]"),
+    ('"PC", "PF", "PG"]', '"PC", "PF"]'),
+    ("crater_feed = 0.8", "crater_feed = 0.4"),
+    ("weave_limit_mm = 14.0", "weave_limit_mm = 9.0"),
+    (
+        """name = "PG"
+wire_feed_m_min = [6.0, 10.0]""",
+        """name = "PG"
+wire_feed_m_min = [6.0, 7.0]""",
+    ),
+)
+"""Windows of the example and tighter ones, that a plan is partly outside of."""
+
+
+def samples_outside() -> tuple[int, int]:
+    """Samples of plans outside a window of their WPS, by a second reader, and those not named."""
+    text = (ROOT / "examples" / "wps.toml").read_text(encoding="utf-8")
+    found = []
+    for before, after in (("", ""), *TIGHTENED):
+        if before not in text:
+            raise RuntimeError(f"the example has no {before}")
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "wps.toml"
+            changed = text.replace(before, after, 1) if before else text
+            file.write_text(changed, encoding="utf-8")
+            plan = plan_weld(drawn_edges(JOINT, whole_way(), SIGMA, 0), read_wps(file), DOWN)
+        table = beads_to_csv(plan, Provenance.for_file_written_now("bench", "j", "mm"))
+        found.append(count_outside(samples_of_table(changed, table), plan.findings))
+    return sum(one[0] for one in found), sum(one[1] for one in found)
+
+
 def overlaps_and_gaps(plan: WeldPlan) -> float:
     """What beads cover twice or leave of a section, the largest share of it; by shapely."""
     s = np.linspace(0, plan.edges.length, 50)
@@ -209,6 +246,9 @@ def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
     ]
     reached = {bead.station for bead in plan.beads}
     way = reaches[0].lead_torch(plan)
+    text = (ROOT / "examples" / "wps.toml").read_text(encoding="utf-8")
+    written = samples_of_program(text, path_to_urscript(way, WPS, 0, arc=True))
+    _, unnamed = count_outside(written, plan.findings)
     ways = [replace(way, beads=way.beads[:1])] if quick else [way]
     followed = [follow_program(reaches[0], one, WPS) for one in ways]
     return [
@@ -218,6 +258,7 @@ def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
         Row(
             "program: beads with the arc on", sum(one.beads for one in followed), 13, "", at_least=1
         ),
+        Row("program: steps at a speed outside the WPS, not named", unnamed, 0, ""),
         Row("program: off the path", 1e3 * max(one.off_path for one in followed), 0.2, "mm"),
         Row("program: off the speed", 100 * max(one.off_speed for one in followed), 2, "%"),
         Row(
@@ -244,6 +285,7 @@ def rows(*, quick: bool) -> list[Row]:
     saved = 1 - plan.arc_time / slowest_plan().arc_time
     beads = [bead.points[:, None] for bead in plan.beads]
     kink = max(chord_error_and_kink(p, 0.5 * (p[1:] + p[:-1]))[1] for p in beads)
+    outside, unnamed = samples_outside()
     grooves = 30 if quick else GROOVES
     done, answered = many_grooves(grooves)
     found = [
@@ -257,6 +299,14 @@ def rows(*, quick: bool) -> list[Row]:
         Row("volume of the whole groove against a solid", 100 * volume, 0.5, "%"),
         Row("solids of the beads: missing and beyond", 100 * wrong, 1, "%"),
         Row("beads overlap or leave gaps in a section", 100 * overlaps_and_gaps(plan), 0.1, "%"),
+        Row(
+            "samples outside a tightened WPS, found by a second reader",
+            outside,
+            1e9,
+            "",
+            at_least=1,
+        ),
+        Row("of these not named", unnamed, 0, ""),
         Row("samples inside speed, heat and area", share_inside(plan), 100, "%", at_least=100),
         Row("beads", len(plan.beads), 17, "", at_least=13),
         Row("kink between two chords", float(np.degrees(kink)), 2, "°"),
