@@ -187,6 +187,7 @@ def without_cap_and_overlap() -> WeldingProcedure:
         update={
             "bead": replace(WPS.bead, cap_height=0.0),
             "sequence": replace(WPS.sequence, overlap=0.0),
+            "start_stop": None,
         }
     )
 
@@ -209,7 +210,8 @@ def slowest_plan() -> WeldPlan:
     """The plan that takes longest of those the WPS allows: with the lowest wire feed that fits."""
     low, high = WPS.arc.wire_feed
     for feed in np.linspace(low, high, 81)[:-1]:
-        one = WPS.model_copy(update={"arc": replace(WPS.arc, wire_feed=(feed, feed + 1e-6))})
+        arc = replace(WPS.arc, wire_feed=(feed, feed + 1e-6))
+        one = WPS.model_copy(update={"arc": arc, "position": (), "start_stop": None})
         with suppress(ConfigurationError):
             plan = plan_weld(drawn_edges(JOINT, whole_way(), SIGMA, 0), one, DOWN)
             if len(plan.zones) == 1 and all(f.key == "sequence.positions" for f in plan.findings):
