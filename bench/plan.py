@@ -249,7 +249,9 @@ def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
     reached = {bead.station for bead in plan.beads}
     way = reaches[0].lead_torch(plan)
     text = (ROOT / "examples" / "wps.toml").read_text(encoding="utf-8")
-    written = samples_of_program(text, path_to_urscript(way, WPS, 0, arc=True))
+    written = samples_of_program(
+        text, path_to_urscript(way, WPS.model_copy(update={"weave": None}), 0, arc=True)
+    )
     _, unnamed = count_outside(written, plan.findings)
     ways = [replace(way, beads=way.beads[:1])] if quick else [way]
     followed = [follow_program(reaches[0], one, WPS) for one in ways]
@@ -260,7 +262,7 @@ def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
         Row(
             "program: beads with the arc on", sum(one.beads for one in followed), 13, "", at_least=1
         ),
-        Row("program: steps at a speed outside the WPS, not named", unnamed, 0, ""),
+        Row("program without weaves: steps at a speed outside the WPS, not named", unnamed, 0, ""),
         Row("program: off the path", 1e3 * max(one.off_path for one in followed), 0.2, "mm"),
         Row("program: off the speed", 100 * max(one.off_speed for one in followed), 2, "%"),
         Row(
