@@ -249,6 +249,17 @@ static int invert(const double given[16], double inverse[16])
     return 1;
 }
 
+/* Sum of products of n values; in four parts, which a processor adds side by side. */
+static double dot(const double *a, const double *b, Py_ssize_t n)
+{
+    double sum[4] = {0.0, 0.0, 0.0, 0.0};
+    Py_ssize_t i = 0;
+    for (; i + 4 <= n; i += 4)
+        for (int part = 0; part < 4; part++) sum[part] += a[i + part] * b[i + part];
+    for (; i < n; i++) sum[0] += a[i] * b[i];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
 /* The value of rank `rank` of n values, whose order is lost. */
 static double select_rank(double *v, Py_ssize_t n, Py_ssize_t rank)
 {
@@ -334,12 +345,8 @@ static void estimate_correlation(
 {
     double rho[LONGEST_LAG], put_back[LONGEST_LAG], lost = 0.0, total = 0.0;
     for (int k = 0; k < LONGEST_LAG; k++) {
-        double product = 0.0, pairs = 0.0;
-        for (Py_ssize_t i = 0; i + k < columns; i++) {
-            product += grid[i + k] * grid[i];
-            pairs += held[i + k] * held[i];
-        }
-        rho[k] = product / larger(pairs, 1.0);
+        const Py_ssize_t pairs = columns > k ? columns - k : 0;
+        rho[k] = dot(grid + k, grid, pairs) / larger(dot(held + k, held, pairs), 1.0);
     }
     const double scale = larger(rho[0], 1e-30);
     for (int k = 0; k < LONGEST_LAG; k++) rho[k] /= scale;
@@ -526,11 +533,8 @@ static double correlated_square(
     memset(row->grid, 0, (size_t)room * sizeof(double));
     for (Py_ssize_t i = start; i < end; i++)
         if (row->keep[i]) row->grid[row->columns[i] - first] = share[i];
-    for (int lag = 0; lag < LONGEST_LAG && lag < room; lag++) {
-        double product = 0.0;
-        for (Py_ssize_t i = 0; i + lag < room; i++) product += row->grid[i] * row->grid[i + lag];
-        sum += (lag ? 2.0 : 1.0) * noise->lags[lag] * product;
-    }
+    for (int lag = 0; lag < LONGEST_LAG && lag < room; lag++)
+        sum += (lag ? 2.0 : 1.0) * noise->lags[lag] * dot(row->grid, row->grid + lag, room - lag);
     return sum;
 }
 
@@ -1242,9 +1246,9 @@ static PyObject *propose_candidates(PyObject *self, PyObject *const *args, Py_ss
 enum { FORM_VALUES = 7 };
 
 typedef struct {
-    double x, z, before, after;
+    double x, z, before, after, ways[4]; /* ways: rise along both directions, and depth */
     Py_ssize_t place;
-    int state; /* 0 not looked at, 1 they meet, -1 they do not */
+    int state; /* 0 not looked at, -1 they do not meet, 1 they do, 2 the same with both angles */
 } Corner;
 
 typedef struct {
@@ -1296,20 +1300,21 @@ static void prepare(Search *s, const double *roughness, double tolerance)
             const double u = s->u[i], off = s->z[i] * (a + u * (b + u * d)) - one;
             paid[i] = smaller(off * off + wider, 1.0);
         }
-        sums[0] = 0.0;
-        for (Py_ssize_t i = 0; i < n; i++) sums[i + 1] = sums[i] + paid[i];
-        double total = 0.0;
+        double whole = 0.0, total = 0.0;
         for (Py_ssize_t i = 0; i < n; i++) {
             const double most = paid[i] * share[i];
+            sums[i] = whole;
             least[i] = total;
+            whole += paid[i];
             total += most;
         }
+        sums[n] = whole;
         least[n] = total;
     }
 }
 
 /* _intersect_candidates for one pair. */
-static const Corner *corner_of(const Search *s, Py_ssize_t i, Py_ssize_t j)
+static Corner *corner_of(const Search *s, Py_ssize_t i, Py_ssize_t j)
 {
     Corner *corner = s->corners + i * s->count + j;
     if (corner->state) return corner;
@@ -1325,9 +1330,34 @@ static const Corner *corner_of(const Search *s, Py_ssize_t i, Py_ssize_t j)
     corner->x = x;
     corner->z = z;
     corner->place = search_sorted(s->u, s->n, u);
-    corner->before = atan2(-slope, y - u * slope);
-    corner->after = atan2(-other, y - u * other);
+    corner->ways[0] = y - u * slope;
+    corner->ways[1] = -slope;
+    corner->ways[2] = y - u * other;
+    corner->ways[3] = -other;
     return corner;
+}
+
+/* Bounds of a turn, with what excludes most turns without an angle. */
+typedef struct {
+    double least, most, cosines[2], sines[2];
+} Turn;
+
+/* Whether a corner turns within bounds; its angles are known then. */
+static int turns_within(Corner *c, const Turn *turn)
+{
+    const double *w = c->ways;
+    if (c->state == 1) {
+        if (w[0] > 0 && w[2] > 0 && turn->most - turn->least < 3) {
+            const double cosine = w[0] * w[2] + w[1] * w[3], sine = w[1] * w[2] - w[0] * w[3];
+            const double slack = 1e-9 * (fabs(cosine) + fabs(sine));
+            if (sine * turn->cosines[0] - cosine * turn->sines[0] < -slack) return 0;
+            if (cosine * turn->sines[1] - sine * turn->cosines[1] < -slack) return 0;
+        }
+        c->before = atan2(w[1], w[0]);
+        c->after = atan2(w[3], w[2]);
+        c->state = 2;
+    }
+    return c->before - c->after >= turn->least && c->before - c->after <= turn->most;
 }
 
 /* Whether a corner of candidates i and j may be the first of a chain, or the last. */
@@ -1453,6 +1483,7 @@ static int find_chains(const Search *s, const double *form, int k, int most, Cha
         const double *side = form + FORM_VALUES * j;
         const size_t room = (size_t)(sizes[j] * sizes[j + 1]);
         Layer *own = &pairs[j];
+        const Turn turn = {side[4], side[5], {cos(side[4]), cos(side[5])}, {sin(side[4]), sin(side[5])}};
         own->cost = malloc((room + 1) * (sizeof(double) + sizeof(int32_t)));
         if (!own->cost) {
             number = -1;
@@ -1464,10 +1495,8 @@ static int find_chains(const Search *s, const double *form, int k, int most, Cha
                 const Py_ssize_t own_b = layer[j][b], own_c = layer[j + 1][c];
                 double *cost = own->cost + b * sizes[j + 1] + c;
                 *cost = INFINITY;
-                const Corner *corner = corner_of(s, own_b, own_c);
-                if (corner->state < 0) continue;
-                const double turn = corner->before - corner->after;
-                if (!(turn >= side[4] && turn <= side[5])) continue;
+                Corner *corner = corner_of(s, own_b, own_c);
+                if (corner->state < 0 || !turns_within(corner, &turn)) continue;
                 if (j == 0 && !may_begin(s, own_b, corner)) continue;
                 if (j == k - 2 && !may_end(s, own_c, corner)) continue;
                 const double step = step_cost(s, own_b, own_c, corner);
@@ -2124,10 +2153,7 @@ static void correlated_normal_matrix(const Fitted *f, Py_ssize_t j, double m[16]
             for (Py_ssize_t i = 0; i < room; i++) smooth[i] += share * (from[i - lag] + from[i + lag]);
         }
         for (int b = 0; b <= a; b++) {
-            const double *other = grid + b * row + LONGEST_LAG;
-            double sum = 0.0;
-            for (Py_ssize_t i = 0; i < room; i++) sum += other[i] * smooth[i];
-            m[4 * a + b] = m[4 * b + a] = sum;
+            m[4 * a + b] = m[4 * b + a] = dot(grid + b * row + LONGEST_LAG, smooth, room);
         }
     }
 }

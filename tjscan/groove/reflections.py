@@ -165,7 +165,8 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     others : list of GrooveFit
         Fits of the same points, of any form of the groove.
     """
-    surely = replace(best, fitted=without_seam_cap(best.fitted))
+    bare = without_seam_cap(best.fitted)
+    surely = best if bare is best.fitted else replace(best, fitted=bare)
     covariance = _covariance_of_readings(best, others)
     covariance += _reflection_covariance(surely)
     covariance += _unmodelled_steel_covariance(surely)
