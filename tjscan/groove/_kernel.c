@@ -44,6 +44,8 @@
 #define _GUESSED_VARIANCE_INFLATION 4.0
 #define FACE_BLUNTNESS 0.2
 #define LEAST_COLUMNS_OF_HOLE 6
+#define SCALE_COVERED_SHARE 0.35
+#define STRAY_BLOCK_COST 9.0
 #define FARTHEST_POINT_RATIO 4.0
 #define CORNER_POINT_DISTANCE 1.5e-3
 #define FEWEST_AT_CORNER 2
@@ -2531,7 +2533,40 @@ static PyObject *order_points(PyObject *self, PyObject *const *args, Py_ssize_t 
     return sound ? PyLong_FromSsize_t(count) : PyErr_Format(PyExc_ValueError, "arrays of points do not match");
 }
 
+/* _scale_costs: groove/steel.py */
+static PyObject *scale_costs(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "ddD";
+    Py_buffer v[3];
+    (void)self;
+    if (given != 4) return PyErr_Format(PyExc_TypeError, "scale_costs takes 4 arguments");
+    const double rarely = PyFloat_AsDouble(args[3]);
+    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t steps = count_of(&v[1]), lines = steps ? count_of(&v[2]) / steps : 0;
+    const Py_ssize_t blocks = lines ? count_of(&v[0]) / lines : 0;
+    const int sound = lines > 0 && count_of(&v[2]) == steps * lines && count_of(&v[0]) == blocks * lines;
+    for (Py_ssize_t k = 0; sound && k < steps; k++)
+        for (Py_ssize_t line = 0; line < lines; line++) {
+            const double *off = (const double *)v[0].buf + line * blocks, step = ((const double *)v[1].buf)[k];
+            double total = 0.0, share = SCALE_COVERED_SHARE;
+            int on_before = 0, seen_before = 0, changes = 0;
+            for (Py_ssize_t i = 0; i < blocks; i++) {
+                const double bare = off[i] * off[i], raised = (off[i] + step) * (off[i] + step);
+                const int on = k && raised < bare, seen = smaller(raised, bare) < STRAY_BLOCK_COST;
+                total += smaller(on ? raised : bare, STRAY_BLOCK_COST);
+                changes += on != on_before && seen && seen_before;
+                if (i == 0 && !(on && seen)) share = 1 - share;
+                on_before = on;
+                seen_before = seen;
+            }
+            ((double *)v[2].buf)[k * lines + line] = k ? total + rarely * changes - 2 * log(share) : total;
+        }
+    close_arrays(letters, v);
+    return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of scale do not match");
+}
+
 static PyMethodDef METHODS[] = {
+    {"scale_costs", (PyCFunction)(void (*)(void))scale_costs, METH_FASTCALL, NULL},
     {"order_points", (PyCFunction)(void (*)(void))order_points, METH_FASTCALL, NULL},
     {"costs_of_points", (PyCFunction)(void (*)(void))costs_of_points, METH_FASTCALL, NULL},
     {"points_beside_corners", (PyCFunction)(void (*)(void))points_beside_corners, METH_FASTCALL, NULL},

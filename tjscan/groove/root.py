@@ -322,8 +322,15 @@ def _section_without_face(
         hides = min(abs(apex_leg - s4), FARTHEST_ROOT_DISTANCE)
         along = hypot(max(opening / 4, LEAST_UNSEEN_SIGMA), sqrt(reflected / 3) * hides)
         total[4:6, 4:6] = _covariance_along_side(leg, s4, along, height[-1])
-        found = {"conditions": (OPEN_ROOT, *seam), "absent": ("p4",), "root_opening": opening}
-        return _section_with_corners(fit, points, total, (fitted.places[0][0], s4), **found)
+        return _section_with_corners(
+            fit,
+            points,
+            total,
+            (fitted.places[0][0], s4),
+            conditions=(OPEN_ROOT, *seam),
+            absent=("p4",),
+            root_opening=opening,
+        )
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
     s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
