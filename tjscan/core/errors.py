@@ -361,6 +361,12 @@ class CalibrationRefused(ResultRefused):
     subject = "calibration"
 
 
+class LookRefused(ResultRefused):
+    """A look at a partly welded groove can't be one at this weld, as it is now."""
+
+    subject = "look"
+
+
 class JointMoved(LaserFault):
     """The workpiece (the tubular joint), or the arm's base, is not where it was."""
 

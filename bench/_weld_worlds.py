@@ -1,0 +1,174 @@
+"""Welds for the bench: a parametric T groove, faults, and worlds whose beads obey other laws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import radians
+from pathlib import Path
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.planning.wps import WeldingProcedure, read_wps
+from tjscan.welding.bead import BeadModel, LaidBeads, column_widths, interpolate_rows
+from tjscan.welding.replan import NextBead
+from tjscan.welding.state import WeldState
+from tjscan.welding.world import TorchTrace, WeldFaults, WeldWorld, correlated_noise
+
+LENGTH, STEP, COLUMN = 0.6, 2e-3, 0.35e-3
+CAP_HEIGHT = 2.3e-3
+WPS = Path(__file__).parents[1] / "examples" / "wps.toml"
+
+
+def bench_wps() -> WeldingProcedure:
+    """The example's procedure."""
+    return read_wps(WPS)
+
+
+def t_groove(rng: np.random.Generator, tilt: float = 0.2) -> WeldState:
+    """A groove of 600 mm with areas from about 400 to 560 mm², as columns in the bisector's frame.
+
+    Leg and bevel stand at half the groove angle on both sides of w; the brace's wall follows
+    beyond p2. Angles, gap and area vary along it.
+    """
+    s = np.arange(0.0, LENGTH, STEP)
+
+    def between(low: float, high: float) -> Array:
+        phase, waves = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 1.5)
+        return 0.5 * (low + high) + 0.5 * (high - low) * np.sin(
+            2 * np.pi * waves * s / LENGTH + phase
+        )
+
+    angle, dihedral = np.deg2rad(between(49, 65)), np.deg2rad(between(90, 134))
+    gap, area = between(0.2e-3, 4e-3), between(400e-6, 560e-6)
+    u = np.arange(-30e-3, 30e-3, COLUMN)
+    low, high = np.full_like(s, 5e-3), np.full_like(s, 60e-3)
+    for _ in range(50):
+        bevel = 0.5 * (low + high)
+        corners = _corners(angle, dihedral, gap, bevel)
+        short = _area(corners) < area
+        low, high = np.where(short, bevel, low), np.where(short, high, bevel)
+    p3, p4, g, p2 = corners
+    wall = dihedral - angle / 2
+    w = np.empty((len(s), len(u)))
+    for i in range(len(s)):
+        far = p2[i] + 60e-3 * np.array((-np.sin(wall[i]), np.cos(wall[i])))
+        out = p4[i] + 90e-3 * np.array((np.sin(angle[i] / 2), np.cos(angle[i] / 2)))
+        w[i] = np.interp(u, *np.array((far, p2[i], p3[i], p4[i], out)).T)
+    return WeldState.of_groove(
+        s, u, w, np.stack((p2[:, 0], g[:, 0]), axis=1), np.full_like(s, tilt)
+    )
+
+
+def _corners(angle: Array, dihedral: Array, gap: Array, bevel: Array) -> tuple[Array, ...]:
+    half = angle / 2
+    zero = np.zeros_like(gap)
+    p3, p4 = np.stack((-gap / 2 - 1e-6, zero), 1), np.stack((gap / 2 + 1e-6, zero), 1)
+    p2 = p3 + bevel[:, None] * np.stack((-np.sin(half), np.cos(half)), 1)
+    leg = np.stack((np.sin(half), np.cos(half)), 1)
+    back = np.stack((np.sin(dihedral - half), -np.cos(dihedral - half)), 1)
+    # g: p4 + x leg = p2 + y back
+    cross = leg[:, 0] * back[:, 1] - leg[:, 1] * back[:, 0]
+    d = p2 - p4
+    x = (d[:, 0] * back[:, 1] - d[:, 1] * back[:, 0]) / cross
+    return p3, p4, p4 + x[:, None] * leg, p2
+
+
+def _area(corners: tuple[Array, ...]) -> Array:
+    p3, p4, g, p2 = corners
+    a, b = g - p3, p2 - p4
+    return 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def drawn_faults(rng: np.random.Generator) -> WeldFaults:
+    """All faults of a weld: signs and sizes by chance."""
+    return WeldFaults(
+        gain=1 + 0.03 * rng.uniform(-1, 1),
+        slip_sigma=rng.uniform(0.02, 0.05),
+        offset=rng.choice((-1, 1)) * 0.5e-3,
+        wander_sigma=0.5e-3,
+        width_sigma=0.05,
+        shrinkage=1 + 0.3 * rng.uniform(-1, 1),
+    )
+
+
+@dataclass(slots=True)
+class ArcWorld(WeldWorld):
+    """A world of other equations: a bead is a circular arc over its surface, and melts nothing.
+
+    Its radius follows from its width, its height from its area; it meets walls at whatever angle.
+    """
+
+    def lay_shape(self, part: WeldState, centre: Array, width: Array, area: Array) -> LaidBeads:
+        u, w = part.u, part.w
+        radius = 0.62 * width[:, None]
+        x = u - centre[:, None]
+        inside = np.abs(x) < radius
+        dome = np.where(inside, np.sqrt(np.maximum(radius**2 - x**2, 0.0)), -1.0)
+        (at,) = interpolate_rows(centre, u, w)
+        low, high = at - 40e-3, at + 40e-3
+        widths = column_widths(u)
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            over = np.maximum(dome + middle[:, None] - w, 0.0) * inside
+            short = np.einsum("ij,ij->i", widths, over) < area
+            low, high = np.where(short, middle, low), np.where(short, high, middle)
+        over = np.maximum(dome + low[:, None] - w, 0.0) * inside
+        over *= (area / np.einsum("ij,ij->i", widths, over))[:, None]
+        covered = over > 0
+        rows = np.arange(len(u))
+        left = u[rows, covered.argmax(axis=1)]
+        right = u[rows, u.shape[1] - 1 - covered[:, ::-1].argmax(axis=1)]
+        return LaidBeads(w + over, left, right, np.zeros((len(u), 2)))
+
+
+def make_world(kind: str, seed: int) -> WeldWorld:
+    """A world by name: ``right`` has the planner's bead model, ``wrong`` and ``arcs`` have not."""
+    rng = np.random.default_rng(seed)
+    state, faults = t_groove(rng, tilt=rng.uniform(0.0, 0.35)), drawn_faults(rng)
+    wire = bench_wps().wire
+    model = BeadModel()
+    if kind == "wrong":
+        state = replace(state, tilt=state.tilt + radians(10))
+        model = replace(
+            model,
+            width_factor=0.88 * model.width_factor,
+            least_contact=radians(35),
+            largest_contact=radians(80),
+        )
+    make = ArcWorld if kind == "arcs" else WeldWorld
+    return make(state, wire.diameter, wire.deposition_efficiency, rng, model=model, faults=faults)
+
+
+@dataclass(slots=True)
+class Look:
+    """A look at a world: noise of heights, and registration along the leg."""
+
+    rng: np.random.Generator
+    noise: float = 0.05e-3
+    registration: float = 0.05e-3
+
+    def take(self, world: WeldWorld) -> tuple[Array, Array]:
+        """Surface seen, u and w, shape (n, m)."""
+        state = world.state
+        shift = correlated_noise(state.s, 0.04, self.registration, self.rng)
+        leg = np.stack((state.u[:, -1] - state.u[:, -9], state.base[:, -1] - state.base[:, -9]), 1)
+        leg /= np.linalg.norm(leg, axis=1, keepdims=True)
+        noise = self.noise * self.rng.standard_normal(state.w.shape)
+        return state.u + (shift * leg[:, 0])[:, None], state.w + noise + (shift * leg[:, 1])[
+            :, None
+        ]
+
+
+def trace_of(bead: NextBead) -> TorchTrace:
+    """A torch that does what a bead says."""
+    n = len(bead.s)
+    return TorchTrace(
+        bead.s,
+        bead.tip,
+        np.tile((0.0, -1.0), (n, 1)),
+        bead.speed,
+        bead.feed,
+        bead.heat_input,
+        bead.weave,
+    )

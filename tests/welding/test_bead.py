@@ -1,0 +1,106 @@
+"""Beads: area, surface tension and gravity, mirror images, contact angles, pools that fall."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
+from tjscan.welding.bead import BeadModel, LaidBeads, column_widths, lay_beads
+
+FREE = replace(BeadModel(), least_contact=-3.0, largest_contact=3.0)
+U = np.arange(-20e-3, 20e-3, 0.1e-3)
+
+
+def lay(
+    model: BeadModel, w: Array, centre: float, width: float, area: float, tilt: float
+) -> LaidBeads:
+    one = np.ones(1)
+    return lay_beads(
+        model, U[None], w[None], centre=centre * one, width=width * one, area=area * one,
+        tilt=tilt * one,
+    )  # fmt: skip
+
+
+def full_young_laplace(tilt: float, chord: float, width: float, area: float) -> Array:
+    """Surface over U between toes at ±width/2 of a straight solid, without linearising."""
+
+    def rates(x: Array, y: Array, p: Array) -> Array:
+        bend = (y[0] * np.cos(tilt) + x * np.sin(tilt)) / BeadModel().capillary_length ** 2 - p[0]
+        return np.array([y[1], bend * (1 + y[1] ** 2) ** 1.5, y[0] - chord * x])
+
+    def ends(a: Array, b: Array, p: Array) -> Array:
+        half = chord * width / 2
+        return np.array([a[0] + half, b[0] - half, a[2], b[2] - area])
+
+    x = np.linspace(-width / 2, width / 2, 200)
+    y = chord * x + 1.5 * area / width * (1 - (2 * x / width) ** 2)
+    guess = np.array([y, np.gradient(y, x), np.cumsum(y - chord * x) * (x[1] - x[0])])
+    found = solve_bvp(rates, ends, x, guess, p=[12 * area / width**3], tol=1e-8, max_nodes=20000)
+    assert found.success
+    inside = np.abs(U) < width / 2
+    assert np.abs(np.arctan(found.sol(U[inside])[1])).max() < radians(45)
+    return np.where(inside, found.sol(U)[0], chord * U)
+
+
+@pytest.mark.parametrize(
+    ("tilt", "chord", "width", "area"),
+    [(0.0, 0.0, 10e-3, 8e-6), (0.0, 0.0, 10e-3, 12e-6), (0.5, -0.3, 10e-3, 10e-6),
+     (1.2, -0.3, 10e-3, 10e-6), (1.57, -0.3, 9e-3, 8e-6), (2.2, -0.3, 8e-3, 8e-6)],
+)  # fmt: skip
+def test_surface_is_that_of_young_and_laplace(
+    tilt: float, chord: float, width: float, area: float
+) -> None:
+    laid = lay(FREE, chord * U, 0.0, width * np.hypot(1, chord), area, tilt)
+    truth = full_young_laplace(tilt, chord, width, area)
+    height = np.abs(truth - chord * U).max()
+    np.testing.assert_allclose(laid.w[0], truth, atol=0.055 * height)
+    if tilt == 0:
+        np.testing.assert_allclose(laid.w[0], truth, atol=0.03 * height)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.7, 1.6])
+def test_area_is_exact_and_mirror_images_agree(tilt: float) -> None:
+    rng = np.random.default_rng(4)
+    w = np.maximum(np.abs(U) - 2e-3, 0) * 1.6 + 0.3e-3 * np.sin(U * 900 + rng.uniform())
+    laid = lay(BeadModel(), w, 2e-3, 10e-3, 30e-6, tilt)
+    added = np.sum(column_widths(U) * (laid.w[0] - w))
+    assert added == pytest.approx(30e-6, rel=1e-12)
+    one = np.ones(1)
+    mirrored = lay_beads(
+        BeadModel(), -U[None, ::-1], w[None, ::-1], centre=-2e-3 * one, width=10e-3 * one,
+        area=30e-6 * one, tilt=-tilt * one,
+    )  # fmt: skip
+    np.testing.assert_allclose(mirrored.w[0, ::-1], laid.w[0], atol=1e-9)
+
+
+def test_contact_angles_stay_in_their_window() -> None:
+    # Beside a wall, a bead of this width would climb it.
+    w = np.where(U < -3e-3, (-3e-3 - U) * 4, 0.0)
+    model = BeadModel()
+    laid = lay(model, w, -1e-3, 9e-3, 30e-6, 0.0)
+    slack = radians(4)
+    assert (laid.contact > model.least_contact - slack).all()
+    assert (laid.contact < model.largest_contact + slack).all()
+    flat = lay(model, 0 * U, 0.0, 5e-3, 30e-6, 0.0)
+    assert flat.right[0] - flat.left[0] > 6e-3  # too round to stay as narrow
+    assert flat.contact[0] == pytest.approx(np.full(2, model.largest_contact), abs=slack)
+
+
+def test_pool_that_would_fall_is_refused() -> None:
+    assert lay(FREE, 0 * U, 0.0, 8e-3, 10e-6, np.pi).w.max() > 0
+    with pytest.raises(ConfigurationError, match="fall out of the overhead groove"):
+        lay(FREE, 0 * U, 0.0, 13e-3, 10e-6, np.pi)
+
+
+def test_ignition_adds_and_crater_lacks() -> None:
+    along = np.linspace(0, 0.2, 201)
+    share = BeadModel().area_along_bead(along, 0.2 - along)
+    assert share[0] == pytest.approx(1.25)
+    assert share[100] == pytest.approx(1.0, abs=1e-3)
+    assert share[-1] == pytest.approx(0.65)

@@ -1,0 +1,121 @@
+"""Replanning: volume is carried over, faults are filled and learnt, and odd looks are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from weld_grooves import example_wps, torch_trace, v_groove, v_groove_planner, weld_world
+
+from tjscan.core.errors import LookRefused
+from tjscan.core.frames import Array
+from tjscan.welding.learning import ScalarFilter
+from tjscan.welding.replan import WeldPlanner
+from tjscan.welding.target import WeldTarget, remaining_area
+from tjscan.welding.world import WeldFaults, WeldWorld
+
+FAULTS = WeldFaults(gain=0.96, offset=0.5e-3, wander_sigma=0.3e-3, shrinkage=1.25)
+SURE = np.full(41, 0.05e-3)
+EVERYWHERE = np.ones(41, dtype=bool)
+
+
+def weld_all(faults: WeldFaults, *, looks: bool) -> tuple[WeldWorld, WeldPlanner]:
+    state = v_groove()
+    world, planner = weld_world(state, faults), v_groove_planner(state)
+    for _ in range(6):
+        bead = planner.next_bead()
+        world.weld(torch_trace(bead))
+        planner.after_bead(bead)
+        if looks:
+            planner.take_look(world.state.u, world.state.w, SURE, EVERYWHERE)
+    return world, planner
+
+
+def fill_error(world: WeldWorld) -> Array:
+    """Mean height over the target, ends apart, metres."""
+    target = WeldTarget.over(world.state, 1.5e-3)
+    width = np.diff(world.state.toe_points[:, :, 0], axis=1)[:, 0]
+    return np.asarray(-remaining_area(world.state, target) / width)[8:-8]
+
+
+def test_without_faults_belief_and_world_agree() -> None:
+    world, planner = weld_all(WeldFaults(), looks=False)
+    np.testing.assert_allclose(planner.belief.w, world.state.w, atol=1e-9)
+    assert np.abs(fill_error(world)).max() < 0.25e-3
+
+
+def test_looks_fill_what_faults_left_and_teach_them() -> None:
+    blind, _ = weld_all(FAULTS, looks=False)
+    seeing, planner = weld_all(FAULTS, looks=True)
+    assert np.sqrt(np.mean(fill_error(seeing) ** 2)) < 0.1e-3
+    assert np.abs(fill_error(blind)).mean() > 4 * np.abs(fill_error(seeing)).mean()
+    learnt = planner.learner
+    assert learnt.gain.value == pytest.approx(0.96, abs=0.015)
+    assert learnt.offset.value == pytest.approx(0.5e-3, abs=0.3e-3)
+    assert learnt.shrinkage.value == pytest.approx(1.25, rel=0.1)
+
+
+def test_every_sample_is_inside_the_procedure_and_the_rest_is_carried_over() -> None:
+    planner = v_groove_planner(v_groove())
+    wps = example_wps()
+    bead = planner.next_bead()
+    assert bead.area + bead.carried == pytest.approx(bead.wanted)
+    assert np.abs(bead.carried).max() < 1e-12
+    # Far too little to lay: the fastest bead is laid, and too much is named.
+    state = planner.belief
+    low = v_groove_planner(replace(state, w=np.maximum(state.w, 11e-3)))
+    bead = low.next_bead()
+    for values, window in (
+        (bead.speed, wps.arc.travel_speed),
+        (bead.feed, wps.arc.wire_feed),
+        (bead.heat_input, wps.arc.heat_input),
+    ):
+        assert (values >= window[0] * (1 - 1e-9)).all()
+        assert (values <= window[1] * (1 + 1e-9)).all()
+    ((begin, end, carried),) = bead.stretches_at_limit()
+    assert (begin, end) == (state.s[0], state.s[-1])
+    assert carried < 0
+
+
+def test_a_stretch_that_is_not_read_stays_believed_and_unsure() -> None:
+    state = v_groove()
+    world, planner = weld_world(state, FAULTS), v_groove_planner(state)
+    bead = planner.next_bead()
+    world.weld(torch_trace(bead))
+    planner.after_bead(bead)
+    believed, read = planner.belief.w.copy(), EVERYWHERE.copy()
+    read[10:20] = False
+    planner.take_look(world.state.u, world.state.w, SURE, read)
+    np.testing.assert_allclose(planner.belief.w[12:18], believed[12:18], atol=1e-6)
+    assert (planner.fill_sigma[~read] > 2 * planner.fill_sigma[read].max()).all()
+
+
+def test_looks_that_cannot_be_of_this_weld_are_refused() -> None:
+    state = v_groove()
+    world, planner = weld_world(state, WeldFaults()), v_groove_planner(state)
+    for k in range(2):
+        bead = planner.next_bead()
+        world.weld(torch_trace(bead))
+        planner.after_bead(bead)
+        if k == 0:
+            planner.take_look(world.state.u, world.state.w, SURE, EVERYWHERE)
+            first = world.state
+    now = world.state
+    for u, w, read, reason in (
+        (first.u, first.w, EVERYWHERE, "older than the last bead"),
+        (now.u + 4e-3, now.w, EVERYWHERE, "another joint"),
+        (now.u, now.base, EVERYWHERE, "lower than before|older"),
+        (now.u, now.w, ~EVERYWHERE, "nothing read"),
+    ):
+        before = planner.belief
+        with pytest.raises(LookRefused, match=reason):
+            planner.take_look(u, w, SURE, read)
+        assert planner.belief is before
+    planner.take_look(now.u, now.w, SURE, EVERYWHERE)
+
+
+def test_filter_is_the_weighted_mean() -> None:
+    found = ScalarFilter(1.0, 0.3).update(2.0, 0.3)
+    assert found.value == pytest.approx(1.5)
+    assert found.sigma == pytest.approx(0.3 / np.sqrt(2))

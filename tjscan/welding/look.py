@@ -1,0 +1,144 @@
+"""What a look at a partly filled groove says about how far the groove has closed."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from tjscan.core.errors import LookRefused
+from tjscan.core.frames import Array, Mask, array_dataclass
+from tjscan.welding.bead import column_widths
+from tjscan.welding.state import WeldState
+
+LEAST_COVER: Final = 0.1e-3
+"""Columns with less weld metal count as bare in a look, metres."""
+
+BARE_MARGIN: Final = 4
+"""Columns beside the metal that show neither the groove's face nor the bead well."""
+
+POOLING_LENGTH: Final = 10e-3
+"""Over which the place of the left side is averaged along the groove, metres."""
+
+REGISTRATION_SIGMA: Final = 0.06e-3
+"""Standard deviation of a look's place along the leg against the first scan's, metres."""
+
+FACE_SIGMA: Final = 0.03e-3
+"""Standard deviation of the height of a pooled face in a look against the first scan, metres."""
+
+
+LARGEST_LOSS: Final = 0.3e-3
+"""A surface seen lower than the one before by more, metres, over `LARGEST_SHARE` is refused."""
+
+LARGEST_SHARE: Final = 0.2
+
+OTHER_JOINT_DISTANCE: Final = 1e-3
+"""Bare faces whose distance (rms) from those of the first scan is more, metres, are others'."""
+
+
+@array_dataclass
+class ClosingSeen:
+    """How far the left side of a groove is from where it is believed, at n stations.
+
+    Parameters
+    ----------
+    shift : ndarray, shape (n,)
+        To the right, metres.
+    variance : ndarray, shape (n,)
+        m²; infinite where nothing shows it.
+    """
+
+    shift: Array
+    variance: Array
+
+
+def resample_rows(at: Array, u: Array, w: Array) -> Array:
+    """Rows w over u at other places, shape (n, m); beyond its ends a row's end counts."""
+    return np.array([np.interp(x, a, b) for x, a, b in zip(at, u, w, strict=True)])
+
+
+def see_closing(belief: WeldState, u: Array, w: Array, read: Mask) -> ClosingSeen:
+    """How far the groove closed beyond belief, from the bare faces of its left side.
+
+    Pooled along the groove. A face that runs across the section shows little of it, and the bevel
+    is covered in the end: the variance states that.
+
+    Parameters
+    ----------
+    belief : WeldState
+    u, w : ndarray, shape (n, k)
+        Surface seen, registered to the first scan, u growing; metres.
+    read : ndarray of bool, shape (n,)
+        Stations at which it was read.
+    """
+    seen = resample_rows(belief.u, u, w)
+    covered = belief.w - belief.base > LEAST_COVER
+    first = np.where(covered.any(axis=1), covered.argmax(axis=1), 0)
+    index = np.arange(belief.u.shape[1])
+    face = (index > 1) & (index < (first - BARE_MARGIN)[:, None]) & read[:, None]
+    slope = np.gradient(belief.base, axis=1) / np.gradient(belief.u, axis=1)
+    weights = np.where(face, column_widths(belief.u), 0.0)
+    step = float(np.median(np.diff(belief.s)))
+    lever, information, length = (
+        gaussian_filter1d(np.einsum("ij,ij->i", weights, row), POOLING_LENGTH / step)
+        for row in (slope * (belief.base - seen), slope**2, np.ones_like(slope))
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift = np.where(information > 0, lever / information, 0.0)
+        variance = REGISTRATION_SIGMA**2 + FACE_SIGMA**2 * length / information
+    return ClosingSeen(shift, np.where(read & (information > 0), variance, np.inf))
+
+
+def check_look(belief: WeldState, before: WeldState | None, u: Array, w: Array, read: Mask) -> None:
+    """Refuse a look that can't be one at this weld as it is now.
+
+    Parameters
+    ----------
+    belief : WeldState
+        What is expected.
+    before : WeldState, optional
+        What was believed before the last bead, if that was not looked at yet.
+    u, w, read : ndarray
+        As of `see_closing`.
+
+    Raises
+    ------
+    LookRefused
+        With the reason.
+    """
+    if not read.any():
+        raise LookRefused("nothing read", "no section shows the weld: look again from nearer")
+    seen = resample_rows(belief.u, u, w)[read]
+    inside = (belief.u >= u[:, :1]) & (belief.u <= u[:, -1:])
+    covered = belief.w - belief.base > LEAST_COVER
+    bare = (inside & ~covered)[read]
+    slope = np.gradient(belief.base, axis=1) / np.gradient(belief.u, axis=1)
+    distance = (np.abs(seen - belief.base[read]) / np.hypot(1, slope[read]))[bare]
+    off = float(np.sqrt(np.mean(distance**2))) if distance.size else 0.0
+    if off > OTHER_JOINT_DISTANCE:
+        raise LookRefused(
+            "another joint",
+            f"the groove's faces lie {1e3 * off:.1f} mm (rms) beside those of the "
+            "first scan: has the joint, or the arm's base, been moved?",
+        )
+    metal = covered[read] & inside[read]
+    if before is None or not metal.any():
+        return
+    old = resample_rows(belief.u, before.u, before.w)[read]
+    grown = belief.w[read] - old
+    laid = metal & (grown > LARGEST_LOSS)
+    if laid.any():
+        share = np.mean((belief.w[read] - seen)[laid] > 0.7 * grown[laid])
+        if share > 1 - LARGEST_SHARE:
+            raise LookRefused(
+                "older than the last bead",
+                f"{100 * share:.0f} % of where the last bead lies show the surface below it",
+            )
+    lower = np.mean((old - seen)[metal] > LARGEST_LOSS)
+    if lower > LARGEST_SHARE:
+        raise LookRefused(
+            "lower than before",
+            f"{100 * lower:.0f} % of the weld lies more than {1e3 * LARGEST_LOSS:.1f} mm below the "
+            "surface before it: metal does not vanish",
+        )

@@ -1,0 +1,410 @@
+"""Planning the next bead from the last look: what is missing is carried over by its volume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from tjscan.core.frames import Array, Mask, array_dataclass
+from tjscan.planning.wps import ArcSettings, RootSettings, WeldingProcedure
+from tjscan.welding.aims import (
+    CAP_SPREAD,
+    FIRST_STEPS,
+    LATER_STEPS,
+    AimSearch,
+    even_aims,
+    planning_columns,
+)
+from tjscan.welding.bead import BeadModel, column_widths, interpolate_rows, lay_beads
+from tjscan.welding.learning import WeldLearner
+from tjscan.welding.look import LEAST_COVER, check_look, resample_rows, see_closing
+from tjscan.welding.shrinkage import ShrinkageModel, close_groove
+from tjscan.welding.state import WeldState
+from tjscan.welding.target import (
+    WeldTarget,
+    area_lost_by_closing,
+    layer_top,
+    remaining_area,
+)
+
+LARGEST_AIM_CHANGE: Final = 1e-3
+"""By how much a replan within a layer moves an aim, metres: a wrong bead model overshoots."""
+
+LARGEST_BARE_CHANGE: Final = 0.4e-3
+"""A bare column that is seen farther than this from where it was has metal on it, metres."""
+
+LEAST_LAYER_SHARE: Final = 0.02
+"""A layer that is full already still gets this share of the weld's area: all beads are laid."""
+
+PLANNING_STRIDE: Final = 5
+"""Aims are sought at every such station."""
+
+SMOOTHING_LENGTH: Final = 10e-3
+"""Standard deviation of the smoothing of aim and area along the groove, metres."""
+
+UNSEEN_AREA_SIGMA: Final = 0.06
+"""Standard deviation of a bead's area that no look has shown, as a share: gain and slip."""
+
+SENSITIVITY_STEP: Final = 0.5e-3
+"""By which a bead is moved to see how far its centre follows, metres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BeadOrder:
+    """Beads of a weld in their order.
+
+    Parameters
+    ----------
+    counts : tuple of int
+        Beads of each layer, from the root on.
+    feeds : tuple of float
+        Wire feed of each bead, m/s.
+    weaves : tuple of float
+        Width of the weave of each bead, metres.
+    cap_height : float
+        Of the reinforcement, metres.
+    open_root : bool
+        Whether the first bead is laid over an open root, whose windows then hold.
+    """
+
+    counts: tuple[int, ...]
+    feeds: tuple[float, ...]
+    weaves: tuple[float, ...]
+    cap_height: float
+    open_root: bool = False
+
+    def layer_of(self, bead: int) -> tuple[int, int]:
+        """Layer of a bead (from 0) and how many of the layer's beads come before it."""
+        layer = 0
+        while bead >= self.counts[layer]:
+            bead -= self.counts[layer]
+            layer += 1
+        return layer, bead
+
+
+@array_dataclass
+class NextBead:
+    """A bead as it is to be laid at n stations.
+
+    Parameters
+    ----------
+    number : int
+        From 0.
+    layer : int
+        From 0.
+    s : ndarray, shape (n,)
+        Lengths along the groove, metres.
+    aim : ndarray, shape (n, 2)
+        u and w where the wire's tip shall truly be, metres.
+    tip : ndarray, shape (n, 2)
+        Where the torch's pose has to have it: less its learnt offset.
+    wanted, area : ndarray, shape (n,)
+        Area that is missing, and that which the WPS allows, m².
+    speed, feed, weave, heat_input : ndarray, shape (n,)
+        m/s, m/s, metres and J/m.
+    carried : ndarray, shape (n,)
+        Area that is left to later beads because of a limit, m²; below zero if it is too much.
+    """
+
+    number: int
+    layer: int
+    s: Array
+    aim: Array
+    tip: Array
+    wanted: Array
+    area: Array
+    speed: Array
+    feed: Array
+    weave: Array
+    heat_input: Array
+    carried: Array
+
+    def stretches_at_limit(self, least: float = 0.02) -> tuple[tuple[float, float, float], ...]:
+        """From where to where a limit of the WPS acts, and the area carried over there.
+
+        Parameters
+        ----------
+        least : float
+            Share of the wanted area from which it counts.
+        """
+        at = np.abs(self.carried) > least * np.abs(self.wanted)
+        changes = np.flatnonzero(np.diff(np.concatenate(((False,), at, (False,))).astype(int)))
+        return tuple(
+            (float(self.s[a]), float(self.s[b - 1]), float(self.carried[a:b].mean()))
+            for a, b in zip(changes[::2], changes[1::2], strict=True)
+        )
+
+
+@dataclass(slots=True)
+class WeldPlanner:
+    """Plans one bead after another from a belief, which looks correct.
+
+    Parameters
+    ----------
+    belief : WeldState
+        What the first scan shows.
+    order : BeadOrder
+    wps : WeldingProcedure
+    model : BeadModel
+    shrinkage : ShrinkageModel
+    learner : WeldLearner
+    learns : bool
+        Whether what was learnt is used for planning.
+
+    Attributes
+    ----------
+    total : ndarray, shape (n,)
+        Area of the whole weld as first planned, m².
+    done : int
+        Beads that were laid.
+    fill_sigma : ndarray, shape (n,)
+        Standard deviation of the surface's mean height as it is believed, metres: a stretch
+        where it is large was not read, and is not to be welded.
+    """
+
+    belief: WeldState
+    order: BeadOrder
+    wps: WeldingProcedure
+    model: BeadModel = field(default_factory=BeadModel)
+    shrinkage: ShrinkageModel = field(default_factory=ShrinkageModel)
+    learner: WeldLearner = field(default_factory=WeldLearner)
+    learns: bool = True
+    total: Array = field(init=False)
+    fill_sigma: Array = field(init=False)
+    done: int = 0
+    _closing_variance: Array = field(init=False)
+    _aims: dict[int, Array] = field(default_factory=dict)
+    _laid: tuple[WeldState, NextBead] | None = None
+
+    def __post_init__(self) -> None:
+        self._closing_variance = np.zeros_like(self.belief.s)
+        self.fill_sigma = np.zeros_like(self.belief.s)
+        self.total = self.missing_area() + self.belief.metal_area
+
+    @property
+    def shrinkage_factor(self) -> float:
+        """Shrinkage over the model's, as learnt."""
+        return self.learner.shrinkage.value if self.learns else 1.0
+
+    def missing_area(self) -> Array:
+        """Area that is still to be filled when all has shrunk, shape (n,), m²."""
+        state, cap = self.belief, self.order.cap_height
+        open_area = remaining_area(state, WeldTarget.over(state, cap))
+        metal = state.metal_area
+        first = np.where(state.first_area > 0, state.first_area, open_area / sum(self.order.counts))
+        final = self.shrinkage_factor * self.shrinkage.transverse(metal + open_area, first)
+        by = np.maximum(final - state.closed, 0.0)
+        return open_area - area_lost_by_closing(state, by, self.shrinkage.turn_per_metre, cap)
+
+    def next_bead(self) -> NextBead:
+        """Plan the next bead from the belief."""
+        layer, before = self.order.layer_of(self.done)
+        share = float(np.cumsum(self.order.counts)[layer] / sum(self.order.counts))
+        left = self.order.counts[layer] - before
+        layer_area = self.missing_area() - (1 - share) * self.total
+        layer_area = np.maximum(layer_area, LEAST_LAYER_SHARE * self.total)
+        aims, shares = self._seek_aims(layer_area, share, left)
+        s = self.belief.s
+        coarse = s[::PLANNING_STRIDE]
+        step = float(np.median(np.diff(s)))
+        smooth = [
+            gaussian_filter1d(np.interp(s, coarse, row), SMOOTHING_LENGTH / step, mode="nearest")
+            for row in (aims[0], shares[0])
+        ]
+        area = gaussian_filter1d(layer_area * smooth[1], SMOOTHING_LENGTH / step, mode="nearest")
+        return self._set_bead(layer, smooth[0], area)
+
+    def _set_bead(self, layer: int, aim_u: Array, wanted: Array) -> NextBead:
+        """Speed and wire feed of a bead within the WPS."""
+        wps, gain = self.wps, self.learner.gain.value if self.learns else 1.0
+        feed = np.full_like(wanted, self.order.feeds[self.done])
+        limits = self._limits(self.done)
+        for _ in range(2):  # the feed makes up for what a limit of the speed leaves
+            rate = gain * wps.deposition_rate(feed)
+            speed = np.clip(rate / wanted, *self._speed_limits(feed, limits))
+            feed = np.clip(feed * wanted * speed / rate, *limits.wire_feed)
+        speed = np.clip(speed, *self._speed_limits(feed, limits))
+        area = gain * wps.deposition_rate(feed) / speed
+        (aim_w,) = interpolate_rows(aim_u, self.belief.u, self.belief.w)
+        aim = np.column_stack((aim_u, aim_w))
+        tip = aim - (self.learner.offset.value if self.learns else 0.0, 0.0)
+        weave = np.full_like(wanted, self.order.weaves[self.done])
+        return NextBead(
+            self.done,
+            layer,
+            self.belief.s,
+            aim,
+            tip,
+            wanted,
+            area,
+            speed,
+            feed,
+            weave,
+            wps.heat_input(feed, speed),
+            wanted - area,
+        )
+
+    def _limits(self, bead: int) -> ArcSettings | RootSettings:
+        """Windows of a bead's feed, speed and heat input."""
+        return self.wps.limits_of_bead(open_root=self.order.open_root and bead == 0)[1]
+
+    def _speed_limits(self, feed: Array, limits: ArcSettings | RootSettings) -> tuple[Array, Array]:
+        """Least and largest travel speed by the windows of speed and heat input, m/s."""
+        power = self.wps.heat_input(feed, np.ones_like(feed))
+        low = np.maximum(limits.travel_speed[0], power / limits.heat_input[1])
+        high = np.minimum(limits.travel_speed[1], power / limits.heat_input[0])
+        return low, np.maximum(high, low)
+
+    def _seek_aims(self, layer_area: Array, share: float, left: int) -> tuple[Array, Array]:
+        """Aims and parts of the layer's area for its remaining beads, each (left, k)."""
+        rows = slice(None, None, PLANNING_STRIDE)
+        state, area = planning_columns(self.belief.part(rows)), layer_area[rows]
+        target, last = WeldTarget.over(state, self.order.cap_height), share >= 1
+        top = layer_top(state, target, share, area)
+        chord, widths = target.chord if last else None, self._widths(area, left)
+        search = AimSearch(self.model, state, top, chord, area, widths)
+        layer, before = self.order.layer_of(self.done)
+        known = self._aims.get(layer)
+        if known is None:
+            begin = even_aims(state, top, target, left, CAP_SPREAD if last else 1.0)
+            aims, shares = search.descend(begin, FIRST_STEPS)
+            self._aims[layer] = aims
+            return aims, shares
+        aims, shares = search.descend(known[before:], LATER_STEPS)
+        most = LARGEST_AIM_CHANGE
+        return np.clip(aims, known[before:] - most, known[before:] + most), shares
+
+    def _widths(self, area: Array, left: int) -> Array:
+        """Width of each remaining bead of the layer, shape (left, k), metres."""
+        found = []
+        for bead in range(self.done, self.done + left):
+            feed = np.full_like(area, self.order.feeds[bead])
+            speed = np.clip(
+                left * self.wps.deposition_rate(feed) / area,
+                *self._speed_limits(feed, self._limits(bead)),
+            )
+            heat = self.wps.heat_input(feed, speed)
+            found.append(self.model.bead_width(heat, self.order.weaves[bead]))
+        return np.array(found)
+
+    def after_bead(self, bead: NextBead, laid: Mask | None = None) -> None:
+        """Carry the belief on by the bead model.
+
+        Parameters
+        ----------
+        bead : NextBead
+            As it was laid.
+        laid : ndarray of bool, shape (n,), optional
+            Stations at which it was laid; everywhere if left out.
+        """
+        before = self.belief
+        gain = self.learner.gain.value if self.learns else 1.0
+        ends = self.model.area_along_bead(bead.s - bead.s[0], bead.s[-1] - bead.s)
+        self.learner.add_set_area(bead.area * ends / gain * (1.0 if laid is None else laid))
+        rows = np.arange(len(bead.s)) if laid is None else np.flatnonzero(laid)
+        part = before.part(rows)
+        width = self.model.bead_width(bead.heat_input, bead.weave)
+        after = part.lay(
+            self.model,
+            self.shrinkage,
+            centre=bead.aim[rows, 0],
+            width=width[rows],
+            area=(bead.area * ends)[rows],
+            factor=self.shrinkage_factor,
+        )
+        self.belief = before.replaced(rows, after)
+        step = self.belief.closed - before.closed
+        self._closing_variance = self._closing_variance + (self.learner.shrinkage.sigma * step) ** 2
+        height_sigma = UNSEEN_AREA_SIGMA * bead.area / width
+        self.fill_sigma = np.hypot(self.fill_sigma, height_sigma)
+        self._laid = before, bead
+        self.done += 1
+
+    def take_look(self, u: Array, w: Array, sigma: Array, read: Mask) -> None:
+        """Put what a look shows in the belief's place.
+
+        Parameters
+        ----------
+        u, w : ndarray, shape (n, k)
+            Surface seen at the stations, registered to the first scan, u growing; metres.
+        sigma : ndarray, shape (n,)
+            Standard deviation of its heights, metres.
+        read : ndarray of bool, shape (n,)
+            Stations at which it was read; the belief stays elsewhere.
+
+        Raises
+        ------
+        LookRefused
+            If it is of another weld, older than the last bead, or nothing was read.
+        """
+        predicted = self.belief
+        check_look(predicted, None if self._laid is None else self._laid[0], u, w, read)
+        found = see_closing(predicted, u, w, read)
+        gain = self._closing_variance / (self._closing_variance + found.variance)
+        shift = gain * found.shift
+        self._closing_variance = (1 - gain) * self._closing_variance
+        turn = self.shrinkage.turn_per_metre * shift
+        at, base, before = close_groove(predicted.u, predicted.base, predicted.w, shift, turn)
+        seen_w = resample_rows(at, u, w)
+        # Bare faces are known from the first scan, better than from this look.
+        bare = (before - base <= LEAST_COVER) & (np.abs(seen_w - base) < LARGEST_BARE_CHANGE)
+        surface = np.where(read[:, None], np.where(bare, base, seen_w), before)
+        seen = replace(predicted, u=at, base=base, w=surface, closed=predicted.closed + shift)
+        if self.done == 1:
+            seen = replace(seen, first_area=np.where(read, seen.metal_area, seen.first_area))
+        self.belief = seen
+        self.fill_sigma = np.where(read, sigma, self.fill_sigma)
+        if self.done:
+            metal = seen.metal_area
+            width = float(np.median(np.diff(seen.toe_points[:, :, 0], axis=1)))
+            mean_sigma = float(np.sqrt(np.mean(sigma**2) / max(int(read.sum()), 1)))
+            self.learner.learn_gain(metal, read, width * mean_sigma)
+            expected = self.shrinkage.transverse(metal, seen.first_area)
+            closed = predicted.closed + found.shift
+            self.learner.learn_shrinkage(closed, expected, np.where(read, found.variance, np.inf))
+        if self._laid is not None:
+            self._learn_offset(*self._laid, predicted, read)
+            self._laid = None
+
+    def _learn_offset(
+        self, before: WeldState, bead: NextBead, predicted: WeldState, read: Mask
+    ) -> None:
+        """Learn the torch's offset from where the last bead's centre lies."""
+        rows = np.flatnonzero(read)[::PLANNING_STRIDE]
+        old, new = before.part(rows), self.belief.part(rows)
+        aim = bead.aim[rows, 0]
+        width = self.model.bead_width(bead.heat_input, bead.weave)[rows]
+
+        def centre(w: Array) -> Array:
+            added = w - old.w
+            weights = np.where(np.abs(old.u - aim[:, None]) < width[:, None], added, 0.0)
+            weights *= column_widths(old.u)
+            return np.asarray(np.sum(weights * old.u, axis=1) / np.sum(weights, axis=1))
+
+        found = [
+            centre(
+                lay_beads(
+                    self.model,
+                    old.u,
+                    old.w,
+                    centre=aim + step,
+                    width=width,
+                    area=bead.area[rows],
+                    tilt=old.tilt,
+                ).w
+            )
+            for step in (0.0, SENSITIVITY_STEP)
+        ]
+        sensitivity = (found[1] - found[0]) / SENSITIVITY_STEP
+        expected = predicted.part(rows)
+        beside = centre(old.w + _added(new, old)) - centre(old.w + _added(expected, old))
+        spread = float(np.std(beside) / np.sqrt(max(len(rows) / 3, 1)))
+        self.learner.learn_offset(beside, sensitivity, spread)
+
+
+def _added(new: WeldState, old: WeldState) -> Array:
+    """Height of metal that a state has more than another one, column by column, shape (n, m)."""
+    return np.asarray((new.w - new.base) - (old.w - old.base))

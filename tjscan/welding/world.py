@@ -1,0 +1,219 @@
+"""The weld of a simulation: metal lies where the torch truly was, and simulated lasers see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import exp, pi, sqrt
+
+import numpy as np
+from numpy.random import Generator
+from scipy.signal import lfilter
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array, array_dataclass
+from tjscan.welding.bead import BeadModel, LaidBeads, lay_beads
+from tjscan.welding.shrinkage import ShrinkageModel
+from tjscan.welding.state import Rows, WeldState
+
+
+@array_dataclass
+class TorchTrace:
+    """What a torch truly did while its arc burned: k samples in their order.
+
+    Parameters
+    ----------
+    s : ndarray, shape (k,)
+        Lengths along the groove, metres; they grow, or fall if it went backwards. In a groove
+        that closes they go on beyond its length.
+    tip : ndarray, shape (k, 2)
+        u and w of the wire's tip, metres.
+    direction : ndarray, shape (k, 2)
+        Unit vector along the wire, into the work, in the section.
+    speed, feed : ndarray, shape (k,)
+        Of travel and of the wire, m/s.
+    heat_input : ndarray, shape (k,)
+        J/m.
+    weave : ndarray, shape (k,)
+        Width of the weave, metres.
+    """
+
+    s: Array
+    tip: Array
+    direction: Array
+    speed: Array
+    feed: Array
+    heat_input: Array
+    weave: Array
+
+    def at(self, s: Array) -> TorchTrace:
+        """The samples interpolated at lengths along the groove."""
+        order = np.argsort(self.s, kind="stable")
+        names = ("tip", "direction", "speed", "feed", "heat_input", "weave")
+        found = [
+            np.stack(
+                [np.interp(s, self.s[order], row[order]) for row in np.atleast_2d(values.T)],
+                axis=-1,
+            ).reshape(len(s), *values.shape[1:])
+            for values in (getattr(self, name) for name in names)
+        ]
+        return TorchTrace(s, *found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeldFaults:
+    """What goes otherwise than set in a simulated weld; the defaults are none.
+
+    Parameters
+    ----------
+    gain : float
+        Deposited area over what wire and speed give.
+    slip_sigma, slip_length : float
+        Standard deviation of the wire's slip as a share, and its length of correlation, metres.
+    offset : float
+        Of the wire's tip from where the torch's pose has it, along u, metres.
+    wander_sigma, wander_length : float
+        The same as of slip, of the arc, metres.
+    width_sigma : float
+        Standard deviation of a bead's width as a share, one value a bead.
+    shrinkage : float
+        Over that of the model.
+    """
+
+    gain: float = 1.0
+    slip_sigma: float = 0.0
+    slip_length: float = 0.03
+    offset: float = 0.0
+    wander_sigma: float = 0.0
+    wander_length: float = 0.015
+    width_sigma: float = 0.0
+    shrinkage: float = 1.0
+
+
+def correlated_noise(s: Array, length: float, sigma: float, rng: Generator) -> Array:
+    """Noise of first order along evenly spaced places, shape (n,).
+
+    Parameters
+    ----------
+    s : ndarray, shape (n,)
+        Metres.
+    length : float
+        Of correlation, metres.
+    sigma : float
+        Standard deviation.
+    rng : numpy.random.Generator
+    """
+    step = float(np.median(np.diff(s))) if len(s) > 1 else length
+    rho = exp(-step / length)
+    drive = rng.standard_normal(len(s))
+    drive[1:] *= sqrt(1 - rho**2)
+    return np.asarray(sigma * lfilter([1.0], [1.0, -rho], drive))
+
+
+def wire_meets_surface(u: Array, w: Array, tip: Array, direction: Array) -> Array:
+    """Where wires, or their extensions, meet surfaces: u, shape (n,), metres.
+
+    Parameters
+    ----------
+    u, w : ndarray, shape (n, m)
+        Surfaces.
+    tip, direction : ndarray, shape (n, 2)
+        Of the wires.
+    """
+    du, dw = u - tip[:, :1], w - tip[:, 1:]
+    beside = du * direction[:, 1:] - dw * direction[:, :1]
+    crosses = beside[:, :-1] * beside[:, 1:] <= 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.clip(beside[:, :-1] / (beside[:, :-1] - beside[:, 1:]), 0.0, 1.0)
+    share = np.nan_to_num(share)
+    at_u = u[:, :-1] + share * np.diff(u, axis=1)
+    at_w = w[:, :-1] + share * np.diff(w, axis=1)
+    # The outermost crossing: light and arc meet that one first.
+    along = (at_u - tip[:, :1]) * direction[:, :1] + (at_w - tip[:, 1:]) * direction[:, 1:]
+    first = np.where(crosses, along, np.inf).argmin(axis=1)
+    rows = np.arange(len(u))
+    return np.where(crosses.any(axis=1), at_u[rows, first], tip[:, 0])
+
+
+@dataclass(slots=True)
+class WeldWorld:
+    """A simulated weld: beads lie where the torch truly was.
+
+    Parameters
+    ----------
+    state : WeldState
+        Now.
+    wire_diameter, efficiency : float
+        Of the wire, metres, and the share of it that ends in the weld.
+    model : BeadModel
+    shrinkage : ShrinkageModel
+    faults : WeldFaults
+    rng : numpy.random.Generator
+        Of what wanders.
+    period : float
+        Length of a groove that closes, metres; zero for one that does not.
+    """
+
+    state: WeldState
+    wire_diameter: float
+    efficiency: float
+    rng: Generator
+    model: BeadModel = field(default_factory=BeadModel)
+    shrinkage: ShrinkageModel = field(default_factory=ShrinkageModel)
+    faults: WeldFaults = field(default_factory=WeldFaults)
+    period: float = 0.0
+    beads: int = 0
+
+    def weld(self, trace: TorchTrace) -> Array:
+        """Lay the bead of one arc, from its ignition to its crater.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Area that it added at each station, m².
+
+        Raises
+        ------
+        ConfigurationError
+            If the torch stood still or ran without wire.
+        """
+        if not ((trace.speed > 0).all() and (trace.feed > 0).all()):
+            raise ConfigurationError("a torch that burns needs wire and has to move", key="weld")
+        before = self.state.metal_area
+        low, high = float(trace.s.min()), float(trace.s.max())
+        turn = 0.0
+        if self.period > 0:
+            turn = self.period * np.floor(low / self.period)
+        while turn <= high:
+            on = (self.state.s + turn >= low) & (self.state.s + turn <= high)
+            if on.any():
+                self._lay(on, trace, turn)
+            if self.period <= 0:
+                break
+            turn += self.period
+        self.beads += 1
+        return self.state.metal_area - before
+
+    def lay_shape(self, part: WeldState, centre: Array, width: Array, area: Array) -> LaidBeads:
+        """Shape of the beads; a world of other equations has its own."""
+        return lay_beads(
+            self.model, part.u, part.w, centre=centre, width=width, area=area, tilt=part.tilt
+        )
+
+    def _lay(self, rows: Rows, trace: TorchTrace, turn: float) -> None:
+        """Lay the bead at some stations, which the torch passed after a way of `turn`."""
+        part, faults = self.state.part(rows), self.faults
+        s = part.s + turn
+        torch = trace.at(s)
+        tip = torch.tip + np.array((faults.offset, 0.0))
+        slip = correlated_noise(s, faults.slip_length, faults.slip_sigma, self.rng)
+        wander = correlated_noise(s, faults.wander_length, faults.wander_sigma, self.rng)
+        ends = self.model.area_along_bead(np.abs(s - trace.s[0]), np.abs(trace.s[-1] - s))
+        wire = 0.25 * pi * self.wire_diameter**2 * self.efficiency
+        area = faults.gain * (1 + slip) * ends * wire * torch.feed / torch.speed
+        width = self.model.bead_width(torch.heat_input, torch.weave)
+        width = width * (1 + faults.width_sigma * self.rng.standard_normal())
+        centre = wire_meets_surface(part.u, part.w, tip, torch.direction) + wander
+        laid = self.lay_shape(part, centre, width, area)
+        self.state = self.state.replaced(
+            rows, part.with_beads(laid, self.shrinkage, faults.shrinkage)
+        )
