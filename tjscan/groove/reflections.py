@@ -292,6 +292,8 @@ def share_in_long_stretches(
         for a side that only one end shows to go over into another.
     """
     first, stop, hangs = _far_stretches(row, residuals)
+    if not len(first):
+        return 0.0
     length = stop - first
     counted = length >= least
     share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
@@ -344,8 +346,11 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
+    off = ~fitted.points_on_sides
+    if np.count_nonzero(off) < FEWEST_HIDING:
+        return covariance
     runs = find_runs(fit.row.points, fit.row.columns)
-    for a, b in zip(*stretches_of_steel(runs, ~fitted.points_on_sides), strict=True):
+    for a, b in zip(*stretches_of_steel(runs, off), strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         for i, corner in enumerate(fitted.corners):
