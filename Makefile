@@ -86,7 +86,7 @@ $(PLAIN): pyproject.toml constraints.txt tjscan/groove/_kernel.c | $(BIN)/pip
 # The same and what tests, checks, documents and benchmarks need, in one step.
 $(READY): pyproject.toml constraints.txt tjscan/groove/_kernel.c loopback/pyproject.toml | $(BIN)/pip
 	@echo "setting up $(VENV): some two minutes, once"
-	$(PIP) -e '.[dev,docs,browser,e57,genicam,live,pandas,step,study,towing,ur,vehicle,weldx]' -e ./loopback
+	$(PIP) -e '.[dev,docs,browser,e57,genicam,live,pandas,power,step,study,towing,ur,vehicle,weldx]' -e ./loopback
 	@touch $(PLAIN) $@
 
 clean:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import radians
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from tjscan.core.frames import Array
+from tjscan.planning.template import SectionTemplate
 from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.welding.bead import BeadModel, LaidBeads, column_widths, interpolate_rows
 from tjscan.welding.replan import NextBead
@@ -17,6 +21,8 @@ from tjscan.welding.world import TorchTrace, WeldFaults, WeldWorld, correlated_n
 
 LENGTH, STEP, COLUMN = 0.6, 2e-3, 0.35e-3
 CAP_HEIGHT = 2.3e-3
+CORNER_SIGMA = 0.05e-3
+"""Of the toes' place across in the first scan, metres."""
 WPS = Path(__file__).parents[1] / "examples" / "wps.toml"
 
 
@@ -25,7 +31,24 @@ def bench_wps() -> WeldingProcedure:
     return read_wps(WPS)
 
 
-def t_groove(rng: np.random.Generator, tilt: float = 0.2) -> WeldState:
+WorldKind = Literal["right", "wrong", "arcs"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GrooveOfBench:
+    """A groove and its corners, p3, p4, g and p2, shape (n, 4, 2), metres."""
+
+    state: WeldState
+    corners: Array
+
+    @classmethod
+    def drawn(cls, seed: int) -> GrooveOfBench:
+        """A groove by chance."""
+        rng = np.random.default_rng([seed, 1])
+        return t_groove(rng, tilt=rng.uniform(0.0, 0.35))
+
+
+def t_groove(rng: np.random.Generator, tilt: float) -> GrooveOfBench:
     """A groove of 600 mm with areas from about 400 to 560 mm², as columns in the bisector's frame.
 
     Leg and bevel stand at half the groove angle on both sides of w; the brace's wall follows
@@ -55,8 +78,9 @@ def t_groove(rng: np.random.Generator, tilt: float = 0.2) -> WeldState:
         far = p2[i] + 60e-3 * np.array((-np.sin(wall[i]), np.cos(wall[i])))
         out = p4[i] + 90e-3 * np.array((np.sin(angle[i] / 2), np.cos(angle[i] / 2)))
         w[i] = np.interp(u, *np.array((far, p2[i], p3[i], p4[i], out)).T)
-    return WeldState.of_groove(
-        s, u, w, np.stack((p2[:, 0], g[:, 0]), axis=1), np.full_like(s, tilt)
+    toes = np.stack((p2[:, 0], g[:, 0]), axis=1)
+    return GrooveOfBench(
+        WeldState.of_groove(s, u, w, toes, np.full_like(s, tilt)), np.stack((p3, p4, g, p2), axis=1)
     )
 
 
@@ -122,14 +146,15 @@ class ArcWorld(WeldWorld):
         return LaidBeads(w + over, left, right, np.zeros((len(u), 2)))
 
 
-def make_world(kind: str, seed: int) -> WeldWorld:
+def make_world(kind: WorldKind, groove: GrooveOfBench, seed: int) -> WeldWorld:
     """A world by name: ``right`` has the planner's bead model, ``wrong`` and ``arcs`` have not."""
     rng = np.random.default_rng(seed)
-    state, faults = t_groove(rng, tilt=rng.uniform(0.0, 0.35)), drawn_faults(rng)
+    state, faults = groove.state, drawn_faults(rng)
     wire = bench_wps().wire
     model = BeadModel()
-    if kind == "wrong":
+    if kind != "right":
         state = replace(state, tilt=state.tilt + radians(10))
+    if kind == "wrong":
         model = replace(
             model,
             width_factor=0.88 * model.width_factor,
@@ -147,6 +172,14 @@ class Look:
     rng: np.random.Generator
     noise: float = 0.05e-3
     registration: float = 0.05e-3
+
+    def first_scan(self, world: WeldWorld, groove: GrooveOfBench) -> WeldState:
+        """What the planner begins with: sections smoothed along the groove, corners with noise."""
+        u, w = (gaussian_filter1d(rows, 2.0, axis=0) for rows in self.take(world))
+        n = len(groove.state.s)
+        off = correlated_noise(groove.state.s, 0.04, CORNER_SIGMA, self.rng)
+        toes = groove.corners[:, [3, 2], 0] + off[:, None]
+        return WeldState.of_groove(groove.state.s, u, w, toes, np.full(n, groove.state.tilt[0]))
 
     def take(self, world: WeldWorld) -> tuple[Array, Array]:
         """Surface seen, u and w, shape (n, m)."""
@@ -172,3 +205,19 @@ def trace_of(bead: NextBead) -> TorchTrace:
         bead.heat_input,
         bead.weave,
     )
+
+
+def even_plan(groove: GrooveOfBench, counts: tuple[int, ...], feed: float) -> Iterator[TorchTrace]:
+    """Torches of a plan whose beads fill their cells exactly, each aiming at its lower side."""
+    template = SectionTemplate(groove.corners, CAP_HEIGHT)
+    share = template.area / sum(counts)
+    cells = template.cut_into_beads(counts, np.tile(share[:, None], (1, sum(counts))))
+    wps, n = bench_wps(), len(share)
+    feeds = np.full(n, feed)
+    speed = np.clip(wps.deposition_rate(feeds) / share, *wps.arc.travel_speed)
+    heat, down = wps.heat_input(feeds, speed), np.tile((0.0, -1.0), (n, 1))
+    for layer, count in enumerate(counts):
+        quads = cells.quadrilaterals(layer)
+        for j in sorted(range(count), key=lambda k: (min(k, count - 1 - k), k)):
+            aim, weave = quads[:, j, :2].mean(axis=1), np.full(n, 3e-3)
+            yield TorchTrace(groove.state.s, aim, down, speed, feeds, heat, weave)

@@ -149,6 +149,38 @@ def vehicle_loopback(
     )
 
 
+def power_loopback(
+    job: Path,
+    *,
+    host: str | None = None,
+    port: int | None = None,
+    watchdog_ms: float = 100.0,
+    attached: bool = False,
+) -> None:
+    """Simulate a power source behind Modbus TCP on this machine, until interrupted.
+
+    Its registers are those of the job's [power.modbus], its arc that of [power.simulated]. A line
+    on stdin commands a fault: no-ignition, arc-lost, wire-stuck, no-gas, error, link-dead or
+    register-frozen; clear sets all right again.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    host
+        The address to listen on, 127.0.0.1 to 127.255.255.254; the job's if left out.
+    port
+        The job's if left out.
+    watchdog_ms
+        Milliseconds without a program after which it puts the arc out.
+    attached
+        End when stdin ends.
+    """
+    from tjscan_loopback.power.serve import run_loopback_power_source
+
+    run_loopback_power_source(job, host, port, watchdog=1e-3 * watchdog_ms, attached=attached)
+
+
 def _read_tow(file: Path, seed: int) -> TowingBodies | None:
     """The vehicles of a tow; None if the file is another job."""
     from tjscan.core.config import read_toml

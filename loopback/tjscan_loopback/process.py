@@ -10,6 +10,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from ipaddress import AddressValueError, IPv4Address
+from pathlib import Path
 from typing import Any, ClassVar, Final, Self
 
 from tjscan.core.errors import (
@@ -18,6 +19,8 @@ from tjscan.core.errors import (
     ConfigurationError,
     LaserNotConnected,
     LaserNotResponding,
+    PowerFault,
+    PowerLinkLost,
     TjscanError,
     VehicleFault,
     VehicleLinkLost,
@@ -239,3 +242,36 @@ class VehicleLoopbackProcess(LoopbackProgram):
         line = self.wait_for_line(f"{TRUTH_COMMAND} ")
         truth: dict[str, Any] = json.loads(line.removeprefix(TRUTH_COMMAND))
         return truth
+
+
+class PowerLoopbackProcess(LoopbackProgram):
+    """Process with a loopback power source; a context manager starts and ends it.
+
+    Parameters
+    ----------
+    job : Path
+        Whose registers it has.
+    host : str
+        Its address.
+    port : int
+        Its port.
+    *options : str
+        Further options of ``tjscan power-loopback``.
+    """
+
+    ended, silent = PowerLinkLost, PowerFault
+
+    def __init__(self, job: Path, host: str, port: int, *options: str) -> None:
+        place = ("--host", host, "--port", str(port))
+        super().__init__("power-loopback", str(job), *place, *options)
+
+    def wait_for_current(self, *, on: bool, timeout: float = 10.0) -> float:
+        """When current began or ceased to flow, in seconds of `time.monotonic`.
+
+        Raises
+        ------
+        PowerFault
+            If it does not.
+        """
+        word = "on" if on else "off"
+        return float(self.wait_for_line(f"current {word} ", timeout=timeout).split()[-1])

@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 FILES = {
     "joint": sorted((ROOT / "cad").glob("*.toml")),
     "scan": [ROOT / "examples" / f"{name}.toml" for name in ("paper", "ur10e", "whole-joint")],
+    "weld": [ROOT / "examples" / "weld.toml"],
     "recorded": [ROOT / "examples" / "calibrate-recorded.toml"],
     "calibrate": [ROOT / "examples" / "calibrate.toml"],
     "crawl": [ROOT / "examples" / "crawl.toml"],

@@ -26,6 +26,7 @@ from tjscan.job.files import (
     read_scan_job,
 )
 from tjscan.job.tow.job import read_tow_job
+from tjscan.job.weld import read_weld_job
 from tjscan.runs.chain import read_chain_file
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import read_study_file
@@ -62,12 +63,13 @@ PARSED: Final = {
     r"tjscan stitch": "takes minutes; tests/runs/test_stitch_command.py runs it",
     r"tjscan chain": "takes minutes; tests/runs/test_chain.py runs it",
     r"tjscan laser ": "needs a laser; tests/loopback/laser/test_laser_loopback.py has one",
-    r"tjscan (ur|laser|vehicle)-loopback": "serves until it is interrupted",
+    r"tjscan (ur|laser|vehicle|power)-loopback": "serves until it is interrupted",
     r"tjscan view": "serves a page until it is closed",
     r"tjscan study .*--(scheduler|resume)": "wants a cluster, or a study that was interrupted",
     r"tjscan study examples/joints-study.toml --dry-run": "makes a hundred joints to check them",
     r"tjscan crawl (run|calibrate)": "takes minutes; tests/runs/test_crawl.py runs short ones",
     r"tjscan crawl (replay|compare)": "tests/runs/test_crawl_replay.py has the crawls for it",
+    r"tjscan weld": "takes minutes; tests/runs/test_weld.py welds a short groove",
     r"tjscan tow": "takes minutes; tests/runs/test_tow.py runs a short one",
     r"tjscan --install-completion": "would change the shell of whoever runs the tests",
 }
@@ -100,6 +102,7 @@ LOADERS: Final[dict[str, tuple[Callable[[Path, Any], object], str]]] = {
     "crawl run": (read_crawl_job, "crawl"),
     "crawl calibrate": (read_crawl_job, "crawl"),
     "crawl replay": (read_crawl_job, "crawl"),
+    "weld": (read_weld_job, "weld"),
     "tow run": (read_tow_job, "tow-simulation"),
     "tow replay": (read_tow_job, "tow-simulation"),
     "study": (lambda file, _: read_study_file(file, study_backend_of_task), "paper-study"),

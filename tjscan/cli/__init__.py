@@ -42,6 +42,7 @@ COMMAND_GROUPS: Final = (
     (app, "calibrate", ("calibrate",)),
     (app, "results", ("groove", "compare", "export", "report", "view")),
     (app, "plan", ("plan",)),
+    (app, "weld", ("weld", "inspect", "beads")),
     (app, "study", ("study", "chain")),
     (app, "files", ("joint", "init", "schema")),
     (crawl_app, "crawl", ("run", "size", "calibrate", "compare", "replay")),
@@ -57,7 +58,12 @@ for group, module, functions in COMMAND_GROUPS:
         group.command(f"tjscan.cli.{module}:{function}", name=function)
 app.register_install_completion_command()
 
-LOOPBACK_COMMANDS: Final = ("ur-loopback", "laser-loopback", "vehicle-loopback")
+LOOPBACK_COMMANDS: Final = (
+    "ur-loopback",
+    "laser-loopback",
+    "vehicle-loopback",
+    "power-loopback",
+)
 """Commands that the distribution tjscan-loopback adds by entry points, as any package may."""
 
 EXIT_CODES: dict[type[errors.TjscanError], int] = {
@@ -65,6 +71,8 @@ EXIT_CODES: dict[type[errors.TjscanError], int] = {
     errors.ArmFault: 4,
     errors.LaserFault: 4,
     errors.VehicleFault: 4,
+    errors.PowerFault: 4,
+    errors.WeldStopped: 4,
     errors.ScanInterrupted: 130,
 }
 """Exit code of each branch of the error tree; 1 for the rest."""

@@ -63,6 +63,7 @@ MODELS_OF_KINDS: Final = {
     "joint": "tjscan.joint.file:JointFile",
     "chain": "tjscan.runs.chain:ChainFile",
     "scan": "tjscan.job.files:ScanJob",
+    "weld": "tjscan.job.weld:WeldJob",
     "crawl": "tjscan.job.crawl.job:CrawlJob",
     "tow": "tjscan.job.tow.job:TowJob",
     "recorded": "tjscan.job.files:RecordedJob",

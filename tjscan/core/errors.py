@@ -228,6 +228,30 @@ class CrawlStopped(VehicleFault):
         )
 
 
+class PowerFault(TjscanError):
+    """The power source can't do, or did not do, what it was asked."""
+
+
+class PowerLinkLost(PowerFault):
+    """The power source does not answer, or repeats the same answer."""
+
+
+class WeldStopped(TjscanError):
+    """A weld was stopped, with its arc out.
+
+    Parameters
+    ----------
+    fault : str
+        What happened, in a word or two.
+    reason : str
+        What was seen, in a sentence without its full stop.
+    """
+
+    def __init__(self, fault: str, reason: str) -> None:
+        self.fault, self.reason = fault, reason
+        super().__init__(f"the weld stopped ({fault}): {reason}")
+
+
 class TowHalted(TjscanError):
     """A cable can't be towed on: there is no shape within its limits, or no pose of a vehicle."""
 

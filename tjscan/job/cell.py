@@ -320,11 +320,11 @@ def joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
     """The joint of a job at its true pose; ConfigurationError if the job has none."""
     if job.joint is None or joint is None:
         raise ConfigurationError("a simulated laser needs a [joint] table to look at", key="joint")
-    return SimulatedScene(_joint_surface(joint), inverse_pose(job.T_w_b_true) @ job.joint.T_w_j)
+    return SimulatedScene(joint_surface(joint), inverse_pose(job.T_w_b_true) @ job.joint.T_w_j)
 
 
 @lru_cache(maxsize=2)
-def _joint_surface(joint: JointDefinition) -> RaycastSurface:
+def joint_surface(joint: JointDefinition) -> RaycastSurface:
     """What light hits of a joint; kept, since many cells in a row may look at the same one."""
     mesh = build_joint_mesh(joint)
     return RaycastSurface(mesh.vertices, mesh.triangles, make_relief_height_function(joint))

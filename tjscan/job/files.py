@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar, cast
 
 import numpy as np
 from annotated_types import MaxLen, MinLen
@@ -233,22 +233,22 @@ class RecordedJob(StrictFileModel):
     noise: NoiseModel = NoiseModel()
 
 
-J = TypeVar("J", ScanJob, CalibrationJob, RecordedJob)
+J = TypeVar("J", bound=ScanJob | CalibrationJob | RecordedJob)
 
 
 def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
     """Read the job of a scan, with single keys replaced; see `read_job`."""
-    return _read_located_job(ScanJob, file, overrides)
+    return read_located_job(ScanJob, file, overrides)
 
 
 def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
     """Read the job of a calibration, with single keys replaced; see `read_job`."""
-    return _read_located_job(CalibrationJob, file, overrides)
+    return read_located_job(CalibrationJob, file, overrides)
 
 
 def read_recorded_job(file: Path, overrides: dict[str, Any] | None = None) -> RecordedJob:
     """Read the job of a calibration from recorded profiles; see `read_job`."""
-    return _read_located_job(RecordedJob, file, overrides)
+    return read_located_job(RecordedJob, file, overrides)
 
 
 def has_recorded_profiles(file: Path) -> bool:
@@ -281,7 +281,7 @@ def read_laser_job(file: Path, overrides: dict[str, Any] | None = None) -> Laser
         return validate_table(LaserJob, {k: data[k] for k in LaserJob.model_fields if k in data})
 
 
-def _read_located_job(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
+def read_located_job(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
     """Read a job; its arm's URDF and its recording are sought from its folder, as other files."""
     job = read_job(model, file, overrides)
     arm, laser = job.arm, job.laser
@@ -290,4 +290,4 @@ def _read_located_job(model: type[J], file: Path, overrides: dict[str, Any] | No
     if laser.recording is not None:
         # Absolute: the job is copied into its run directory, a recording is not.
         laser = replace(laser, recording=str((file.parent / laser.recording).absolute()))
-    return job.model_copy(update={"arm": arm, "laser": laser})
+    return cast(J, job.model_copy(update={"arm": arm, "laser": laser}))

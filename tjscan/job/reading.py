@@ -44,6 +44,7 @@ FILE_KINDS: Final = (
         {"calibrate", "scan"},
         "run it with 'tjscan chain'",
     ),
+    FileKind("weld", "a job of a weld", {"scan", "weld"}, "run it with 'tjscan weld'"),
     FileKind("scan", "a job of a scan", {"scan"}, "run it with 'tjscan scan'"),
     FileKind("crawl", "a job of a crawler", {"vehicle", "weld"}, "run it with 'tjscan crawl run'"),
     FileKind("tow", "a job of towing vehicles", {"area", "seam"}, "run it with 'tjscan tow run'"),

@@ -20,6 +20,7 @@ from tjscan.core.frames import Array
 from tjscan.core.units import (
     DEG,
     LIST_OR_WORD_IN_FILE,
+    LITRE_PER_MINUTE,
     M_PER_MIN,
     MM,
     MM2,
@@ -32,7 +33,6 @@ from tjscan.robot.settings import SolidSettings
 
 MM_PER_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 KJ_PER_MM: Final = FileUnit("kJ_mm", 1e6)
-LITRE_PER_MINUTE: Final = FileUnit("l_min", 1e-3 / 60)
 KG_PER_CUBIC_METRE: Final = FileUnit("kg_m3")
 CELSIUS_UNIT: Final = FileUnit("C")
 

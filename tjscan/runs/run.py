@@ -34,6 +34,7 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.job.devices import CalibrationSettings
 from tjscan.job.files import CellJob
 from tjscan.job.tow.job import TowJob
+from tjscan.job.weld import WeldJob
 from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent
 from tjscan.recording.parts import next_recording_file, recording_files
@@ -62,7 +63,7 @@ WhenFinished = Callable[[Path], object]
 """What is called with a run directory once its results are written."""
 
 T = TypeVar("T")
-V = TypeVar("V", CrawlJob, TowJob)
+V = TypeVar("V", CrawlJob, TowJob, WeldJob)
 
 
 def do_nothing(directory: Path) -> None:
@@ -137,7 +138,7 @@ def make_run_directory(
 
 def make_vehicle_run_directory(directory: Path, context: JobContext[V]) -> None:
     """Make the run directory of a crawl or a tow; see `make_run_directory`."""
-    job: CrawlJob | TowJob = context.job
+    job: CrawlJob | TowJob | WeldJob = context.job
     with make_empty_run_directory(directory) as draft:
         if context.calibration_file is not None:
             shutil.copyfile(context.calibration_file, draft / CALIBRATION_FILE)

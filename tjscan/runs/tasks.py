@@ -61,6 +61,7 @@ ALL_TASKS: Final = (
     Task("crawl", "crawl", "crawl", page="crawl_chapter", study="CRAWL_STUDY"),
     Task("scan", "scan", "scan", study="SCAN_STUDY"),
     Task("tow", "tow", "tow", page="tow_chapter", study="TOW_STUDY"),
+    Task("weld", "weld", "weld", page="weld_chapter"),
 )
 
 

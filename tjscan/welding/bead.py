@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi, radians
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, Mask, array_dataclass
+from tjscan.core.units import DEG, MM, SettingsTable
 
 CONTACT_STEPS: Final = 9
 """Rounds in which the toes move until both contact angles are allowed."""
@@ -37,7 +39,7 @@ STEEPEST_OVERHANG: Final = 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BeadModel:
+class BeadModel(SettingsTable):
     """What decides the shape of beads. The defaults are assumptions: fit them to beads of yours.
 
     Parameters
@@ -56,14 +58,14 @@ class BeadModel:
         Share of the area that is missing where the arc ends, and its length, metres.
     """
 
-    width_factor: float = 10e-3
-    least_contact: float = radians(25.0)
-    largest_contact: float = radians(70.0)
-    capillary_length: float = 4.2e-3
-    start_excess: float = 0.25
-    start_length: float = 6e-3
-    crater_deficit: float = 0.35
-    crater_length: float = 5e-3
+    width_factor: Annotated[float, Gt(0), Le(50), MM] = 10e-3
+    least_contact: Annotated[float, DEG] = radians(25.0)
+    largest_contact: Annotated[float, DEG] = radians(70.0)
+    capillary_length: Annotated[float, Gt(0), Le(50), MM] = 4.2e-3
+    start_excess: Annotated[float, Ge(0), Le(2)] = 0.25
+    start_length: Annotated[float, Gt(0), Le(50), MM] = 6e-3
+    crater_deficit: Annotated[float, Ge(0), Le(1)] = 0.35
+    crater_length: Annotated[float, Gt(0), Le(50), MM] = 5e-3
 
     def bead_width(self, heat_input: Array, weave: Array | float = 0.0) -> Array:
         """Width along the surface, metres, of heat inputs in J/m and weaves in metres."""

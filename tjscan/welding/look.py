@@ -90,15 +90,15 @@ def see_closing(belief: WeldState, u: Array, w: Array, read: Mask) -> ClosingSee
     return ClosingSeen(shift, np.where(read & (information > 0), variance, np.inf))
 
 
-def check_look(belief: WeldState, before: WeldState | None, u: Array, w: Array, read: Mask) -> None:
+def check_look(belief: WeldState, before: WeldState, u: Array, w: Array, read: Mask) -> None:
     """Refuse a look that can't be one at this weld as it is now.
 
     Parameters
     ----------
     belief : WeldState
         What is expected.
-    before : WeldState, optional
-        What was believed before the last bead, if that was not looked at yet.
+    before : WeldState
+        As of the last look, or the first scan.
     u, w, read : ndarray
         As of `see_closing`.
 
@@ -123,9 +123,10 @@ def check_look(belief: WeldState, before: WeldState | None, u: Array, w: Array, 
             "first scan: has the joint, or the arm's base, been moved?",
         )
     metal = covered[read] & inside[read]
-    if before is None or not metal.any():
+    if not metal.any():
         return
-    old = resample_rows(belief.u, before.u, before.w)[read]
+    # Column by column: they are points of the material, which moved since.
+    old = (before.w - before.base + belief.base)[read]
     grown = belief.w[read] - old
     laid = metal & (grown > LARGEST_LOSS)
     if laid.any():

@@ -52,6 +52,10 @@ SENSITIVITY_STEP: Final = 0.5e-3
 """By which a bead is moved to see how far its centre follows, metres."""
 
 
+LEAST_BEAD_AREA: Final = 1e-6
+"""m²: a bead that a look shows with less has no centre."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeadOrder:
     """Beads of a weld in their order.
@@ -178,8 +182,10 @@ class WeldPlanner:
     _closing_variance: Array = field(init=False)
     _aims: dict[int, Array] = field(default_factory=dict)
     _laid: tuple[WeldState, NextBead] | None = None
+    _seen: WeldState = field(init=False)
 
     def __post_init__(self) -> None:
+        self._seen = self.belief
         self._closing_variance = np.zeros_like(self.belief.s)
         self.fill_sigma = np.zeros_like(self.belief.s)
         self.total = self.missing_area() + self.belief.metal_area
@@ -341,7 +347,7 @@ class WeldPlanner:
             If it is of another weld, older than the last bead, or nothing was read.
         """
         predicted = self.belief
-        check_look(predicted, None if self._laid is None else self._laid[0], u, w, read)
+        check_look(predicted, self._seen, u, w, read)
         found = see_closing(predicted, u, w, read)
         gain = self._closing_variance / (self._closing_variance + found.variance)
         shift = gain * found.shift
@@ -355,7 +361,7 @@ class WeldPlanner:
         seen = replace(predicted, u=at, base=base, w=surface, closed=predicted.closed + shift)
         if self.done == 1:
             seen = replace(seen, first_area=np.where(read, seen.metal_area, seen.first_area))
-        self.belief = seen
+        self.belief = self._seen = seen
         self.fill_sigma = np.where(read, sigma, self.fill_sigma)
         if self.done:
             metal = seen.metal_area
@@ -382,7 +388,11 @@ class WeldPlanner:
             added = w - old.w
             weights = np.where(np.abs(old.u - aim[:, None]) < width[:, None], added, 0.0)
             weights *= column_widths(old.u)
-            return np.asarray(np.sum(weights * old.u, axis=1) / np.sum(weights, axis=1))
+            area = np.sum(weights, axis=1)
+            seen: Array = np.full_like(area, np.nan)
+            moment = np.sum(weights * old.u, axis=1)
+            np.divide(moment, area, out=seen, where=area > LEAST_BEAD_AREA)
+            return seen
 
         found = [
             centre(
@@ -401,8 +411,10 @@ class WeldPlanner:
         sensitivity = (found[1] - found[0]) / SENSITIVITY_STEP
         expected = predicted.part(rows)
         beside = centre(old.w + _added(new, old)) - centre(old.w + _added(expected, old))
-        spread = float(np.std(beside) / np.sqrt(max(len(rows) / 3, 1)))
-        self.learner.learn_offset(beside, sensitivity, spread)
+        known = np.isfinite(beside + sensitivity)
+        if known.any():
+            spread = float(np.std(beside[known]) / np.sqrt(max(known.sum() / 3, 1)))
+            self.learner.learn_offset(beside[known], sensitivity[known], spread)
 
 
 def _added(new: WeldState, old: WeldState) -> Array:

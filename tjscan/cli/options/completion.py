@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 JOB_KIND_OF_COMMAND: Final[Mapping[tuple[str, ...], str]] = {
     **{(w,): "scan" for w in ("scan", "teach", "doctor", "laser", "reprocess", "laser-loopback")},
+    ("weld",): "weld",
     ("calibrate",): "calibrate",
     **{("crawl", word): "crawl" for word in ("run", "size", "calibrate", "replay")},
     **{("tow", word): "tow" for word in ("run", "replay")},

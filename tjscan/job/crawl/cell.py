@@ -14,8 +14,10 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
-from tjscan.crawler.torch_axes import TorchAxes
+from tjscan.crawler.plan import PassSettings
+from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings, TorchDriverInputs
+from tjscan.job.crawl.weld import CrawlWeld
 from tjscan.job.devices import DeviceGroup, make_laser_without_arm
 from tjscan.joint.hull import hull_section, joint_line_pose, laser_offset, place_beside_joint
 from tjscan.laser.line_laser import LineLaser
@@ -45,6 +47,10 @@ class SimulatedWeld:
         Called with whether the arc burns, which disturbs the vehicle's sensors.
     welded : list of list of float
         From where to where along the joint each arc burned so far, metres.
+    clock : callable
+        Gives the seconds.
+    metal : CrawlWeld, optional
+        Of the bead model; without, each pass leaves the bead that the joint states for it.
     """
 
     job: CrawlJob
@@ -53,6 +59,8 @@ class SimulatedWeld:
     torch: TorchAxes
     disturb: Callable[[bool], None]
     welded: list[list[float]] = field(default_factory=list)
+    clock: Callable[[], float] = monotonic
+    metal: CrawlWeld | None = None
     _arc_burned_before: bool = False
 
     def pose_ahead(self, ahead: float) -> tuple[float, float, float]:
@@ -78,6 +86,9 @@ class SimulatedWeld:
         place = self.pose_ahead(vehicle.laser_to_torch - vehicle.centre_to_torch)
         along, offset = laser_offset(joint, *place)
         relative = place[2] - joint_line_pose(joint, along)[2]
+        if self.metal is not None:
+            section = self.metal.outline(along)
+            return section, SectionLaserPose(offset=offset, heading=relative)
         passes = sum(start <= along <= end for start, end in self.welded)
         return hull_section(joint, along, passes), SectionLaserPose(offset=offset, heading=relative)
 
@@ -85,13 +96,22 @@ class SimulatedWeld:
         """Optics of the laser: while the arc burns, it blinds some of its columns."""
         return replace(self.world.laser, arc=self.world.arc_points if self.torch.arc else 0.0)
 
+    def pass_of_arc(self, arc: int) -> PassSettings:
+        """The pass that an arc welds, by its number."""
+        return self.job.passes[min(arc, len(self.job.passes) - 1)]
+
     def _weld_below_torch(self) -> None:
         self.disturb(self.torch.arc)
         if self.torch.arc:
-            along, _ = self.torch_place()
+            along, right = self.torch_place()
             if not self._arc_burned_before:
                 self.welded.append([along, along])
             self.welded[-1][1] = max(self.welded[-1][1], along)
+            if self.metal is not None:
+                y = self.torch.y if isinstance(self.torch, SimulatedTorchAxes) else 0.0
+                self.metal.burn(self.clock(), along, right + y)
+        elif self._arc_burned_before and self.metal is not None:
+            self.metal.end_arc(self.pass_of_arc(len(self.welded) - 1))
         self._arc_burned_before = self.torch.arc
 
 
@@ -185,10 +205,14 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     # Over a broker the loopback's vehicle reports its true place; a real one does not.
     truth = partial(factory.truth, vehicle)
     welded = [] if left is None else [list(ends) for ends in left.welded]
-    weld = SimulatedWeld(job, world, truth, torch, disturb, welded)
+    clock = monotonic if body is None else lambda: body.time
+    metal = None if world.weld is None else CrawlWeld(world.joint, world.weld, world.seed)
+    weld = SimulatedWeld(job, world, truth, torch, disturb, welded, clock, metal)
+    if metal is not None:
+        for arc, ends in enumerate(welded):
+            metal.lay_again(weld.pass_of_arc(arc), *ends)
     if job.laser.driver_kind is not DriverKind.SIMULATED:
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch, weld)
-    clock = monotonic if body is None else lambda: body.time
     rng = np.random.default_rng([world.seed, LASER_RANDOM_STREAM])
     laser = SimulatedSectionLaser(weld.section_below_laser, weld.laser_model, clock, rng=rng)
     return CrawlCell(vehicle, laser, torch, weld, clock)

@@ -15,7 +15,15 @@ from pydantic import Field
 from tjscan.core.config import StrictFileModel
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
+from tjscan.core.units import (
+    DEG,
+    LIST_OR_WORD_IN_FILE,
+    M_PER_MIN,
+    MM,
+    MM_S,
+    FileUnit,
+    SettingsTable,
+)
 from tjscan.crawler import plan
 from tjscan.crawler.guards import ProximitySettings
 from tjscan.crawler.sizing import SizeSettings
@@ -85,6 +93,7 @@ LEAST_HULL_EACH_SIDE: Final = 5e-3
 """Metres of a plate at least: its pose needs ten points, and half as many may be missing."""
 
 PERCENT_UNIT: Final = FileUnit("percent", 0.01)
+WATT_UNIT: Final = FileUnit("W")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +160,38 @@ class TorchSettings(DeviceSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedWeldSettings(SettingsTable):
+    """The table [simulation.weld]: beads of the bead model lie where the torch truly was.
+
+    Parameters
+    ----------
+    wire_diameter : float
+        Of the wire, metres.
+    efficiency : float
+        Share of the molten wire that ends in the weld.
+    wire_feed : float
+        Of passes that state none, m/s.
+    heat_power : float
+        Of the arc in the weld, k U I, in watts.
+    tilt : float
+        Of gravity in the section, to the left plate; zero if the joint is level or climbs; radians.
+    offset : float
+        Where the wire truly points, to the right of the torch, metres.
+    slip, wander : float
+        Standard deviations of the wire's slip, as a share, and of the arc's place, metres.
+    """
+
+    wire_diameter: Annotated[float, Gt(0), Le(10), MM] = 1.2e-3
+    efficiency: Annotated[float, Gt(0), Le(1)] = 0.95
+    wire_feed: Annotated[float, Gt(0), Le(30), M_PER_MIN] = 9 / 60
+    heat_power: Annotated[float, Gt(0), Le(50e3), WATT_UNIT] = 5600.0
+    tilt: Annotated[float, Ge(-90), Le(90), DEG] = 0.0
+    offset: Annotated[float, Ge(-5), Le(5), MM] = 0.0
+    slip: Annotated[float, Ge(0), Le(30), PERCENT_UNIT] = 0.0
+    wander: Annotated[float, Ge(0), Le(3), MM] = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CrawlSimulationSettings(SettingsTable):
     """The table [simulation]: the world of a simulated crawl.
 
@@ -164,6 +205,8 @@ class CrawlSimulationSettings(SettingsTable):
         The joint as it truly is. It starts at x = 0 of the hull.
     laser : SectionLaserModel
     vehicle : VehicleSimulationSettings
+    weld : SimulatedWeldSettings, optional
+        Without, each pass leaves the bead that the joint states for it.
     """
 
     seed: Annotated[int, Ge(0)] = 1
@@ -171,6 +214,7 @@ class CrawlSimulationSettings(SettingsTable):
     joint: HullJoint = field(default_factory=HullJoint)
     laser: SectionLaserModel = field(default_factory=SectionLaserModel)
     vehicle: VehicleSimulationSettings = field(default_factory=VehicleSimulationSettings)
+    weld: SimulatedWeldSettings | None = None
 
     def contradictions(self, stated_radius: float | None) -> Iterator[tuple[str, str]]:
         """Yield key and message of what of the joint does not fit the job or the laser."""

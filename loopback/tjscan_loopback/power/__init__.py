@@ -1,0 +1,1 @@
+"""A power source behind Modbus TCP on this machine."""

@@ -1,0 +1,232 @@
+"""A weld is looked at, planned again, stopped and gone on with; nothing of it claims to be real."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pytest
+from command import tjscan
+
+from tjscan.core.errors import ConfigurationError, WeldStopped
+from tjscan.core.frames import Array
+from tjscan.core.sourced import NumberSource
+from tjscan.job.weld import read_weld_job
+from tjscan.planning.path import GrooveStations
+from tjscan.power.sequence import ArcFault
+from tjscan.runs.weld.arc import left_to_weld
+from tjscan.runs.weld.journal import ArcMessage, LookMessage
+from tjscan.runs.weld.look import (
+    SteelBefore,
+    interpolate_poses,
+    place_in_sections,
+    surface_of_profiles,
+)
+from tjscan.runs.weld.results import (
+    SIMULATED_WELD_NOTE,
+    WELD_LOG_FILE,
+    read_recorded_weld,
+)
+from tjscan.runs.weld.run import LookSchedule, WeldContext, resume_weld, run_weld
+
+ROOT: Final = Path(__file__).parents[2]
+JOB: Final = ROOT / "examples" / "weld.toml"
+SHORT: Final = {"scan.length_mm": 80.0, "weld.station_step_mm": 4.0}
+
+
+def numbers_without_source(entry: Any) -> Iterable[str]:
+    if isinstance(entry, list):
+        for one in entry:
+            yield from numbers_without_source(one)
+    elif isinstance(entry, dict):
+        sourced = entry.get("source") in set(NumberSource)
+        for key, value in entry.items():
+            if not (sourced and key == "value"):
+                yield from numbers_without_source(value)
+    elif isinstance(entry, int | float):
+        yield str(entry)
+
+
+def arc(begin: float, end: float) -> ArcMessage:
+    none = np.empty(0)
+    return ArcMessage(0, begin, end, 1.0, "", True, none, none, none, none)
+
+
+def test_what_is_left_of_a_bead_overlaps_what_is_welded_and_no_more() -> None:
+    assert left_to_weld((0.0, 0.2), [], 0.01) == (0.0, 0.2)
+    assert left_to_weld((0.0, 0.2), [arc(0.0, 0.0)], 0.01) == (0.0, 0.2)
+    assert left_to_weld((0.0, 0.2), [arc(0.0, 0.08)], 0.01) == pytest.approx((0.07, 0.2))
+    again = [arc(0.0, 0.08), arc(0.07, 0.15)]
+    assert left_to_weld((0.0, 0.2), again, 0.01) == pytest.approx((0.14, 0.2))
+    assert left_to_weld((0.0, 0.2), [*again, arc(0.14, 0.2)], 0.01) is None
+    assert left_to_weld((0.0, 0.2), [arc(0.002, 0.2)], 0.01) is None, "a second ignition"
+    assert left_to_weld((0.3, 0.5), [arc(0.0, 0.2)], 0.01) == (0.3, 0.5), "another stretch"
+
+
+def bent_stations() -> GrooveStations:
+    s = np.linspace(0.0, 0.2, 101)
+    angle, radius = s / 0.3, 0.3
+    outward = np.column_stack((np.cos(angle), np.sin(angle), 0 * s))
+    tangent = np.column_stack((-np.sin(angle), np.cos(angle), 0 * s))
+    up = np.tile((0.0, 0.0, 1.0), (len(s), 1))
+    corners = np.tile([[-0.003, -0.02], [0.003, -0.02], [0.02, 0.0], [-0.02, 0.0]], (len(s), 1, 1))
+    return GrooveStations(s, radius * outward, outward, up, corners, tangent)
+
+
+def surface_height(u: Array) -> Array:
+    return np.asarray(np.maximum(np.abs(u) - 0.003, 0.0) * (0.02 / 0.017) - 0.02)
+
+
+def bent_points(stations: GrooveStations, s: float, u: Array) -> Array:
+    angle = s / 0.3
+    out = np.array((np.cos(angle), np.sin(angle), 0.0))
+    return np.asarray((0.3 + u)[:, None] * out + surface_height(u)[:, None] * (0.0, 0.0, 1.0))
+
+
+def test_points_are_placed_along_a_bent_groove() -> None:
+    stations, u = bent_stations(), np.linspace(-0.02, 0.02, 41)
+    s, places = place_in_sections(stations, bent_points(stations, 0.0513, u))
+    assert s == pytest.approx(0.0513, abs=2e-5)
+    assert places[:, 0] == pytest.approx(u, abs=2e-6)  # sagitta of two millimetres
+    assert places[:, 1] == pytest.approx(surface_height(u), abs=1e-9)
+    before, _ = place_in_sections(stations, bent_points(stations, -0.01, u))
+    assert np.isnan(before).all()
+
+
+def test_look_gives_the_surface_and_leaves_out_mirror_images() -> None:
+    stations, fine = bent_stations(), np.linspace(-0.025, 0.025, 301)
+    profiles = []
+    rng = np.random.default_rng(33)
+    for at in np.arange(0.0, 0.2, 4e-3):
+        points = bent_points(stations, at, fine)
+        ghosts = rng.choice(len(fine), 6, replace=False)
+        points[ghosts] -= (0.0, 0.0, 0.012)
+        profiles.append(points)
+    u, toes = np.linspace(-0.022, 0.022, 177), np.tile((-0.02, 0.02), (101, 1))
+    hidden = [one for k, one in enumerate(profiles) if not 20 <= k < 26]
+    before = SteelBefore.of_corners(stations)
+    for taken in (profiles, hidden):
+        found = surface_of_profiles(stations, taken, u, toes, 4e-3, before)
+        rows = found.read & (stations.s > 0.004) & (stations.s < 0.19)
+        off = np.abs(found.w - surface_height(u))[rows]
+        assert np.percentile(off, 99) < 0.1e-3
+    unread = stations.s[~found.read]
+    assert unread.min() > 0.075
+    assert unread[unread < 0.19].max() < 0.105
+    assert len(unread) > 5
+
+
+def test_way_of_a_look_has_the_scan_s_poses_in_it() -> None:
+    poses = [np.eye(4) for _ in range(3)]
+    for k, one in enumerate(poses):
+        one[0, 3] = 0.04 * k
+    way = list(interpolate_poses(poses, 4e-3))
+    x = np.array([one[0, 3] for one in way])
+    assert x == pytest.approx(np.linspace(0.0, 0.08, 21))
+
+
+@dataclass(frozen=True, eq=False)
+class StoppedContext(WeldContext):
+    """The operator stops after some cycles of arcs and looks."""
+
+    counter: Any = None
+
+    @property
+    def must_stop(self) -> bool:
+        return bool(next(self.counter) == 9000)
+
+
+@pytest.fixture(scope="module")
+def welded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short weld that was stopped in its second bead and gone on with."""
+    from itertools import count
+
+    directory = tmp_path_factory.mktemp("weld") / "run"
+    job = read_weld_job(JOB, dict(SHORT))
+    with pytest.raises(WeldStopped, match="by the operator") as caught:
+        run_weld(StoppedContext(job, JOB, counter=count()), directory, arc=True)
+    assert caught.value.fault == ArcFault.STOPPED
+    file = directory / "job.toml"
+    resume_weld(WeldContext(read_weld_job(file), file), arc=True, looks=LookSchedule.LAYER)
+    return directory
+
+
+def test_stopped_weld_goes_on_with_an_overlap_and_welds_nothing_twice(welded: Path) -> None:
+    found = read_recorded_weld(welded)
+    stopped = [one for one in found.arcs if one.fault]
+    assert len(stopped) == 1
+    assert 0.0 < stopped[0].end < found.beads[0].s[-1]
+    for number, bead in found.beads.items():
+        arcs = [one for one in found.arcs if one.number == number]
+        # Stretches that were not read part a bead.
+        read = np.flatnonzero(bead.weldable > 0)
+        spans = np.split(bead.s[read], np.flatnonzero(np.diff(read) > 1) + 1)
+        length = sum(float(np.ptp(span)) for span in spans)
+        welded_length = sum(one.end - one.begin for one in arcs)
+        overlaps = 0.01 * (len(arcs) - len(spans))
+        assert welded_length == pytest.approx(length + overlaps, abs=1e-9)
+    assert len(found.beads) > 8
+
+
+def test_looks_find_what_goes_otherwise_than_set(welded: Path) -> None:
+    looks = [one for one in read_recorded_weld(welded).looks if isinstance(one, LookMessage)]
+    assert looks[0].beads == 0
+    assert looks[-1].beads == len(read_recorded_weld(welded).beads)
+    assert looks[-1].offset == pytest.approx(0.5e-3, abs=0.3e-3)
+    assert looks[-1].shrinkage == pytest.approx(1.2, abs=0.12)
+
+
+def test_every_number_of_the_log_has_a_source(welded: Path) -> None:
+    log = json.loads((welded / WELD_LOG_FILE).read_text())
+    assert list(numbers_without_source(log)) == []
+    assert log["note"] == SIMULATED_WELD_NOTE
+    assert log["interpass_temperature"] == {"value": None, "unit": "C", "source": "absent"}
+    rows = [row for bead in log["beads"] for row in bead["stretches"]]
+    assert {row["current"]["source"] for row in rows} == {"simulated"}
+    assert {row["current"]["value"] for row in rows} & {0.0, None} == set()
+    assert {"job.toml", "wps.toml", "weld.mcap", "weld-2.mcap"} <= set(log["sha256"])
+
+
+def test_report_says_that_it_was_simulated(welded: Path) -> None:
+    assert tjscan("report", welded) == 0
+    page = (welded / "report.html").read_text()
+    assert SIMULATED_WELD_NOTE in page
+    assert "no crack" in page
+
+
+def test_last_look_is_held_against_limits_and_complies_with_nothing(
+    welded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = ROOT / "examples" / "iso5817-example.toml"
+    code = tjscan("inspect", welded, "--limits", limits, "--thickness-mm", 25, "--json")
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert SIMULATED_WELD_NOTE in found["note"]
+    assert "no crack" in found["not_seen"]
+    assert {row["imperfection"] for row in found["rows"]} >= {"excess", "sag", "undercut"}
+    beyond = any(row["state"] == "beyond" for row in found["rows"])
+    assert code == (3 if beyond else 0)
+    assert not list(numbers_without_source(found))
+    assert "compl" not in said.out + said.err
+
+
+def test_no_arc_burns_without_being_asked_for(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    keys = [word for key, value in SHORT.items() for word in (f"--{key}", value)]
+    assert tjscan("weld", JOB, "--out", out, *keys) == 0
+    found = read_recorded_weld(out)
+    assert found.arcs == ()
+    assert found.stretches == ()
+    assert len(found.beads) > 8
+
+
+def test_what_can_not_be_welded_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="simulated arm alone"):
+        read_weld_job(JOB, {"arm.driver": "ur", "arm.ur.host": "127.0.0.2"})
+    with pytest.raises(ConfigurationError, match="direction"):
+        read_weld_job(JOB, {"weld.gravity": [0.0, 0.0, 0.0]})
+    assert tjscan("weld", JOB, "--out", tmp_path / "a", "--weld.wps", "gone.toml") == 2
+    assert not (tmp_path / "a").exists()
+    assert tjscan("weld", tmp_path, "--resume") == 2

@@ -1,0 +1,152 @@
+"""The job of a weld: a scan's job, with what is welded and the power source."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+
+from tjscan.core.devices import DriverKind, DriverRegistry
+from tjscan.core.units import (
+    LIST_OR_WORD_IN_FILE,
+    MM,
+    PERCENT_UNIT,
+    SECONDS,
+    SettingsTable,
+)
+from tjscan.job.devices import DeviceSettings
+from tjscan.job.files import ScanJob, read_located_job
+from tjscan.power.drivers import POWER_DRIVERS
+from tjscan.power.sequence import ArcLimits
+from tjscan.welding.bead import BeadModel
+from tjscan.welding.world import WeldFaults
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerSettings(DeviceSettings):
+    """The table [power]: which power source feeds the arc."""
+
+    registry: ClassVar[DriverRegistry[Any]] = POWER_DRIVERS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeldSimulationSettings(SettingsTable):
+    """The table [weld.simulation]: what goes otherwise than set in a simulated weld.
+
+    Parameters
+    ----------
+    seed : int
+        Of all that wanders.
+    gain : float
+        Share by which more metal is laid down than wire and speed give.
+    slip : float
+        Standard deviation of the wire's slip along a bead, as a share.
+    offset : float
+        Of the wire's tip from where the torch's pose has it, towards the leg, metres.
+    wander : float
+        Standard deviation of the arc's place about the wire, metres.
+    shrinkage : float
+        Share by which the groove shrinks more than the model has it.
+    """
+
+    seed: Annotated[int, Ge(0)] = 1
+    gain: Annotated[float, Ge(-50), Le(50), PERCENT_UNIT] = 0.0
+    slip: Annotated[float, Ge(0), Le(20), PERCENT_UNIT] = 0.0
+    offset: Annotated[float, Ge(-5), Le(5), MM] = 0.0
+    wander: Annotated[float, Ge(0), Le(5), MM] = 0.0
+    shrinkage: Annotated[float, Ge(-100), Le(100), PERCENT_UNIT] = 0.0
+
+    @property
+    def faults(self) -> WeldFaults:
+        """The same as the simulated world takes it."""
+        return WeldFaults(
+            gain=1 + self.gain,
+            slip_sigma=self.slip,
+            offset=self.offset,
+            wander_sigma=self.wander,
+            shrinkage=1 + self.shrinkage,
+        )
+
+
+Direction = Annotated[tuple[float, float, float], LIST_OR_WORD_IN_FILE]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeldSettings(SettingsTable):
+    """The table [weld]: by which procedure, and how it is looked at.
+
+    Parameters
+    ----------
+    wps : str
+        File of the welding procedure specification, counted from the job's folder.
+    gravity : tuple of float
+        Direction downwards in the frame of the scan's results.
+    station_step : float
+        Between two sections at which the weld is planned, metres.
+    look_step : float
+        Between two profiles of a look, metres.
+    margin : float
+        Of the faces beyond the toes that a look reads, metres.
+    overlap : float
+        By which a weld that goes on after a stop overlaps what was welded before, metres.
+    holds : tuple of int
+        Beads before which a person must let the weld go on.
+    interpass_wait : float
+        After each bead, seconds. The temperature is not measured.
+    arc : ArcLimits
+    bead : BeadModel
+        By which beads are planned; a simulated weld has its own, with the defaults.
+    simulation : WeldSimulationSettings
+    """
+
+    wps: Annotated[str, MinLen(1)]
+    gravity: Direction = (0.0, 0.0, -1.0)
+    station_step: Annotated[float, Ge(0.5), Le(20), MM] = 2e-3
+    look_step: Annotated[float, Ge(0.5), Le(20), MM] = 4e-3
+    margin: Annotated[float, Ge(2), Le(50), MM] = 8e-3
+    overlap: Annotated[float, Gt(0), Le(100), MM] = 10e-3
+    holds: Annotated[tuple[int, ...], MaxLen(200), LIST_OR_WORD_IN_FILE] = ()
+    interpass_wait: Annotated[float, Ge(0), Le(86400), SECONDS] = 0.0
+    arc: ArcLimits = field(default_factory=ArcLimits)
+    bead: BeadModel = field(default_factory=BeadModel)
+    simulation: WeldSimulationSettings = field(default_factory=WeldSimulationSettings)
+
+    def __post_init__(self) -> None:
+        if not sum(x * x for x in self.gravity):
+            raise ValueError("gravity is a direction: not all of its numbers can be zero")
+
+
+class WeldJob(ScanJob):
+    """A job file that describes a weld."""
+
+    weld: WeldSettings
+    power: PowerSettings = PowerSettings()
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Yield also what can't be welded."""
+        yield from super().contradictions()
+        if self.arm.driver_kind is not DriverKind.SIMULATED:
+            yield (
+                "arm.driver",
+                "a weld leads the torch of a simulated arm alone: for a real one scan, and write "
+                "its program with 'tjscan plan'",
+            )
+        if self.station:
+            yield "station", "a weld is made from one place of the arm: leave [[station]] out"
+        if self.joint is None:
+            yield "joint", "a simulated weld needs a [joint] table to weld on"
+
+    @property
+    def scan_job(self) -> ScanJob:
+        """The job of its scan."""
+        return ScanJob.model_construct(
+            **{name: getattr(self, name) for name in ScanJob.model_fields}
+        )
+
+
+def read_weld_job(file: Path, overrides: dict[str, Any] | None = None) -> WeldJob:
+    """Read the job of a weld, with single keys replaced; see `read_job`."""
+    return read_located_job(WeldJob, file, overrides)

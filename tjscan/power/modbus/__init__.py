@@ -1,0 +1,1 @@
+"""Power sources behind Modbus TCP, whose registers a job describes."""

@@ -1,0 +1,73 @@
+"""What the live page shows of a weld's recording: its surface, its beads, look by look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from tjscan.live.step import Measure, PlaneCurve, Sample, SceneSetup, Step
+from tjscan.recording.journal import RunEvent
+from tjscan.runs.weld.journal import (
+    ArcMessage,
+    ArcStretchMessage,
+    LookMessage,
+    PlannedBeadMessage,
+    read_weld,
+)
+from tjscan.runs.weld.results import SIMULATED_WELD_NOTE
+
+CURRENT_MEASURE: Final = Measure("current", "A")
+SPEED_MEASURE: Final = Measure("travel speed", "mm/min")
+BEAD_TABLE_HEAD: Final = ("bead", "layer", "welded / mm", "arc / s")
+
+
+class WeldShow:
+    """Turns what a weld's journal receives into steps of the page.
+
+    Parameters
+    ----------
+    title : str
+        Of the run.
+    """
+
+    def __init__(self, title: str) -> None:
+        self.setting = SceneSetup(title, (CURRENT_MEASURE, SPEED_MEASURE), "along the groove / mm")
+        self._layers: dict[int, int] = {}
+        self._welded: dict[int, tuple[float, float]] = {}
+
+    def step_of_entry(self, entry: object) -> Step:
+        """What an entry changes: nothing if it is of an unknown type."""
+        match entry:
+            case PlannedBeadMessage():
+                self._layers[entry.number] = entry.layer
+                return Step(f"bead {entry.number + 1}", facts={"weld": SIMULATED_WELD_NOTE})
+            case ArcStretchMessage():
+                pairs = ((CURRENT_MEASURE, entry.current, 1.0), (SPEED_MEASURE, entry.speed, 60e3))
+                values = {m.name: k * one.value for m, one, k in pairs if one.value is not None}
+                return Step(samples=(Sample(1e3 * entry.begin, values),))
+            case ArcMessage():
+                length, time = self._welded.get(entry.number, (0.0, 0.0))
+                done = length + entry.end - entry.begin, time + entry.seconds
+                self._welded[entry.number] = done
+                return Step(f"bead {entry.number + 1} welded", table=self._table())
+            case LookMessage():
+                middle = entry.w[len(entry.sigma) // 2]
+                facts = {"look": f"after bead {entry.beads}, {100 * entry.read.mean():.0f} % read"}
+                curve = PlaneCurve(1e3 * entry.u, 1e3 * middle)
+                return Step(f"look after bead {entry.beads}", facts=facts, profile=curve)
+            case RunEvent():
+                return Step(events=((entry.name, entry.detail),))
+        return Step()
+
+    def _table(self) -> list[tuple[str, ...]]:
+        rows = [
+            (str(k + 1), str(self._layers.get(k, 0) + 1), f"{1e3 * length:.0f}", f"{time:.0f}")
+            for k, (length, time) in self._welded.items()
+        ]
+        return [BEAD_TABLE_HEAD, *rows]
+
+
+def read_weld_show(directory: Path) -> tuple[WeldShow, Iterable[object]]:
+    """Read what a weld's recording has to show; see `tjscan.live.step.ReplayReader`."""
+    return WeldShow(directory.resolve().name), read_weld(directory)

@@ -1,0 +1,1 @@
+"""Weld, look, weld on: the run of `tjscan weld`."""

@@ -1,0 +1,265 @@
+"""Lead the torch along a stretch of a bead with the arc burning, cycle by cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from time import monotonic, sleep
+from typing import Final, Protocol
+
+import numpy as np
+
+from tjscan.core.errors import PowerFault, WeldStopped
+from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
+from tjscan.planning.wps import WeldingProcedure
+from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
+from tjscan.power.source import PowerSample, PowerSetting, PowerSource
+from tjscan.recording.journal import Journal, event_recorder
+from tjscan.runs.weld.journal import ArcMessage, ArcStretchMessage
+from tjscan.welding.replan import NextBead
+
+CYCLE_TIME: Final = 0.01
+"""Seconds of a cycle."""
+
+STRETCH_LENGTH: Final = 10e-3
+"""Metres of an arc that make a row of the log."""
+
+FEED_STEP: Final = 0.05 / 60
+"""By which the wire feed must change for the source to be set again, m/s."""
+
+SETTLING_CYCLES: Final = 100
+"""Cycles in which an arc that was stopped is watched until no current flows."""
+
+
+class Clock(Protocol):
+    """Seconds, and a wait for the next cycle."""
+
+    @property
+    def now(self) -> float:
+        """Seconds."""
+
+    def wait(self, seconds: float) -> None:
+        """Let time go by."""
+
+
+@dataclass(slots=True)
+class SimulatedClock:
+    """A clock that goes on as it is told."""
+
+    now: float = 0.0
+
+    def wait(self, seconds: float) -> None:
+        """Let time go by at once."""
+        self.now += seconds
+
+
+class WallClock:
+    """The clock of this machine, for a power source that is none of a simulation."""
+
+    def __init__(self) -> None:
+        self._due = monotonic()
+
+    @property
+    def now(self) -> float:
+        """Seconds."""
+        return monotonic()
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the next cycle is due."""
+        self._due = max(self._due + seconds, monotonic())
+        sleep(self._due - min(self._due, monotonic()))
+
+
+def left_to_weld(
+    span: tuple[float, float], arcs: Sequence[ArcMessage], overlap: float
+) -> tuple[float, float] | None:
+    """What of a stretch of a bead is still to be welded, metres; None if nothing is.
+
+    Parameters
+    ----------
+    span : tuple of float
+        Begin and end of the stretch.
+    arcs : sequence of ArcMessage
+        Of that bead, in their order.
+    overlap : float
+        By which a further arc overlaps what is welded.
+    """
+    begin, end = span
+    at = begin
+    for arc in arcs:
+        if arc.begin <= at + overlap and at < arc.end <= end + overlap:
+            at = arc.end
+    if at >= end:
+        return None
+    return (max(begin, at - overlap) if at > begin else begin), end
+
+
+@dataclass(slots=True)
+class _Samples:
+    """What was seen in each cycle in which the torch moved."""
+
+    s: list[float] = field(default_factory=list)
+    speed: list[float] = field(default_factory=list)
+    feed: list[float] = field(default_factory=list)
+    sample: list[PowerSample] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcWelder:
+    """Welds stretches of beads with a power source and a torch that follows its orders exactly.
+
+    Parameters
+    ----------
+    source : PowerSource
+        Connected.
+    limits : ArcLimits
+    wps : WeldingProcedure
+        Whose power counts where the source measures none.
+    clock : Clock
+    journal : Journal
+    must_stop : callable
+        Whether the operator asked for a stop.
+    simulated : bool
+        Whether no real metal melts.
+    """
+
+    source: PowerSource
+    limits: ArcLimits
+    wps: WeldingProcedure
+    clock: Clock
+    journal: Journal
+    must_stop: Callable[[], bool]
+    simulated: bool
+
+    def weld(
+        self, bead: NextBead, begin: float, end: float
+    ) -> tuple[ArcMessage, WeldStopped | None]:
+        """Weld a stretch; returns what was welded, and what stopped it if anything did.
+
+        Parameters
+        ----------
+        bead : NextBead
+        begin, end : float
+            Metres along the groove.
+        """
+        arc = ArcSequence(self.source, self.limits, event_recorder(self.journal))
+        seen, stopped = _Samples(), None
+        try:
+            reached = self._lead(arc, bead, begin, end, seen)
+        except WeldStopped as error:
+            stopped, reached = error, (seen.s or [begin])[-1]
+            self._settle(arc)
+        message = self._message(bead, begin, reached, seen, "" if stopped is None else str(stopped))
+        for row in self._stretches(message, seen):
+            self.journal.record(row)
+        self.journal.record(message)
+        return message, stopped
+
+    def _lead(
+        self, arc: ArcSequence, bead: NextBead, begin: float, end: float, seen: _Samples
+    ) -> float:
+        """Go through the order of events; the torch is where its measured way has brought it."""
+        s, speed = begin, 0.0
+        setting = PowerSetting(float(np.interp(s, bead.s, bead.feed)))
+        arc.begin(setting, speed)
+        while arc.phase is not ArcPhase.DONE:
+            self.clock.wait(CYCLE_TIME)
+            if self.must_stop():
+                arc.stop("by the operator")
+            asked = float(np.interp(s, bead.s, bead.speed))
+            arc.advance(speed, asked, at_end=s >= end)
+            speed = asked if arc.may_move and s < end else 0.0
+            s = min(s + speed * CYCLE_TIME, end)
+            if arc.phase is ArcPhase.WELDING and speed and arc.sample is not None:
+                seen.s.append(s)
+                seen.speed.append(speed)
+                seen.feed.append(setting.feed)
+                seen.sample.append(arc.sample)
+                feed = float(np.interp(s, bead.s, bead.feed))
+                if abs(feed - setting.feed) >= FEED_STEP:
+                    setting = PowerSetting(feed)
+                    arc.set(setting)
+        return s
+
+    def _settle(self, arc: ArcSequence) -> None:
+        """Watch an arc that was stopped until no current flows; never raises."""
+        for _ in range(SETTLING_CYCLES):
+            self.clock.wait(CYCLE_TIME)
+            try:
+                arc.advance(0.0, 0.0)
+            except PowerFault:
+                self.source.quench()
+            if arc.may_retract:
+                return
+        event_recorder(self.journal)(
+            "retract", "current flows or the wire sticks: free the torch by hand before it moves"
+        )
+
+    def _message(
+        self, bead: NextBead, begin: float, reached: float, seen: _Samples, fault: str
+    ) -> ArcMessage:
+        speed, feed = np.array(seen.speed), np.array(seen.feed)
+        measured = [one.feed.value for one in seen.sample]
+        fed = np.array(
+            [set_ if got is None else got for got, set_ in zip(measured, feed, strict=True)]
+        )
+        power = np.array(
+            [
+                float(self.wps.arc.power_at(np.array(set_)))
+                if one.current.value is None or one.voltage.value is None
+                else one.current.value * one.voltage.value
+                for one, set_ in zip(seen.sample, feed, strict=True)
+            ]
+        )
+        heat = self.wps.arc.thermal_efficiency * power / speed if len(speed) else speed
+        return ArcMessage(
+            bead.number,
+            begin,
+            reached,
+            CYCLE_TIME * len(speed),
+            fault,
+            self.simulated,
+            np.array(seen.s),
+            speed,
+            fed,
+            heat,
+        )
+
+    def _stretches(self, arc: ArcMessage, seen: _Samples) -> Iterator[ArcStretchMessage]:
+        """Rows of the log: what was measured of each stretch, and from where it comes."""
+        if not len(arc.s):
+            return
+        row_of = ((arc.s - arc.begin) / STRETCH_LENGTH).astype(int)
+        for row in np.unique(row_of):
+            on = np.flatnonzero(row_of == row)
+            samples = [seen.sample[i] for i in on]
+            current = [one.current for one in samples]
+            heat = _mean_of([one.current for one in samples])
+            source = NumberSource.BELIEVED if heat.source is NumberSource.ABSENT else heat.source
+            fed = _mean_of([one.feed for one in samples])
+            if fed.value is None:
+                fed = SourcedNumber(float(np.mean([seen.feed[i] for i in on])), NumberSource.SET)
+            moved = NumberSource.SIMULATED if self.simulated else NumberSource.MEASURED
+            yield ArcStretchMessage(
+                number=arc.number,
+                begin=arc.begin + row * STRETCH_LENGTH,
+                end=min(arc.begin + (row + 1) * STRETCH_LENGTH, arc.end),
+                current=heat,
+                current_least=_mean_of(current, min),
+                current_most=_mean_of(current, max),
+                voltage=_mean_of([one.voltage for one in samples]),
+                feed=fed,
+                gas=_mean_of([one.gas for one in samples]),
+                speed=SourcedNumber(float(arc.speed[on].mean()), moved),
+                heat_input=SourcedNumber(float(arc.heat_input[on].mean()), source),
+            )
+
+
+def _mean_of(
+    numbers: list[SourcedNumber], of: Callable[[list[float]], float] | None = None
+) -> SourcedNumber:
+    """Mean, or another function, of numbers of one source; absent if one of them is."""
+    values = [one.value for one in numbers if one.value is not None]
+    if not numbers or len(values) < len(numbers):
+        return ABSENT_NUMBER
+    return SourcedNumber(float(np.mean(values) if of is None else of(values)), numbers[0].source)

@@ -1,0 +1,112 @@
+"""A finished weld's last look against a table of limits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.sourced import NumberSource
+from tjscan.core.units import DEG, MM, FileUnit
+from tjscan.job.weld import read_weld_job
+from tjscan.result.directory import JOB_FILE
+from tjscan.runs.weld.journal import LookMessage, read_weld
+from tjscan.runs.weld.results import SIMULATED_WELD_NOTE
+from tjscan.runs.weld.run import Weld, WeldContext
+from tjscan.welding.inspection import (
+    WHAT_A_LASER_CANNOT_SEE,
+    InspectionRow,
+    inspect_weld,
+    measure_weld,
+    read_limits,
+)
+
+
+def inspect_run(directory: Path, limits: Path, thickness: float) -> tuple[InspectionRow, ...]:
+    """Hold the last look of a weld's run against a table of limits.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    limits : Path
+        File of the table.
+    thickness : float
+        Of the thinner part, metres.
+
+    Raises
+    ------
+    ConfigurationError
+        If the run's weld is not finished or was not looked at since, or the table is wrong.
+    """
+    table = read_limits(limits)
+    context = WeldContext(read_weld_job(directory / JOB_FILE), directory / JOB_FILE)
+    weld, last = Weld.of_scan(context, directory), None
+    for message in read_weld(directory):
+        weld.replay(message)
+        if isinstance(message, LookMessage):
+            last = message
+    if last is None or weld.planner is None or last.beads < weld.count:
+        raise ConfigurationError(
+            "its weld is not finished, or was not looked at after the last bead: weld on with "
+            "'tjscan weld RUN --resume --arc'",
+            file=directory,
+        )
+    u = np.tile(last.u, (len(last.sigma), 1))
+    measures = measure_weld(weld.planner.belief, u, last.w, last.sigma, last.was_read, butt=False)
+    return inspect_weld(measures, table, thickness)
+
+
+def inspection_as_json(rows: tuple[InspectionRow, ...]) -> dict[str, Any]:
+    """Rows of an inspection as JSON holds them: each number states where it comes from."""
+    return {
+        "schema": "tjscan.weld-inspection",
+        "note": SIMULATED_WELD_NOTE,
+        "not_seen": WHAT_A_LASER_CANNOT_SEE,
+        "rows": [
+            {
+                "imperfection": row.limit.imperfection,
+                "number": row.limit.number,
+                "level": row.limit.level,
+                "remark": row.limit.remark,
+                "state": row.state,
+                **{
+                    name: {"value": value / unit.factor, "unit": unit.suffix, "source": str(source)}
+                    for name, value, unit, source in _numbers_of_row(row)
+                },
+            }
+            for row in rows
+        ],
+    }
+
+
+def _numbers_of_row(
+    row: InspectionRow,
+) -> tuple[tuple[str, float, FileUnit, NumberSource], ...]:
+    unit = DEG if row.limit.imperfection == "toe angle" else MM
+    measured = NumberSource.MEASURED
+    return (
+        ("value", row.value, unit, measured),
+        ("sigma", row.sigma, unit, NumberSource.BELIEVED),
+        ("limit", row.allowed, unit, NumberSource.SET),
+        ("place", row.s, MM, measured),
+        ("length", row.length, MM, measured),
+        ("longest_in_100_mm", row.longest_in_window, MM, measured),
+        ("not_seen", row.unseen, MM, measured),
+    )
+
+
+def inspection_cells(row: InspectionRow) -> tuple[str, ...]:
+    """A row of an inspection as a table shows it."""
+    unit = DEG if row.limit.imperfection == "toe angle" else MM
+    value, sigma, limit = (x / unit.factor for x in (row.value, row.sigma, row.allowed))
+    return (
+        f"{row.limit.imperfection} {row.limit.number} {row.limit.level}".strip(),
+        f"{value:.2f} ± {sigma:.2f}",
+        f"{'≥' if row.limit.is_least else '≤'} {limit:.2f} {unit.suffix}",
+        f"{1e3 * row.s:.0f}",
+        f"{1e3 * row.length:.0f}",
+        row.state,
+    )

@@ -1,0 +1,229 @@
+"""What a weld reports while it runs, and its recording: written, and read again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+
+from tjscan.core.frames import Array, ArrayForm, Mask, PlanarPoints, array_dataclass
+from tjscan.core.signals import delay_ctrl_c
+from tjscan.core.sourced import SourcedNumber
+from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent
+from tjscan.recording.parts import recording_files
+from tjscan.recording.reader import read_messages
+from tjscan.recording.topic import Topic
+
+WELD_RECORDING: Final = "weld"
+"""What the names of a weld's recordings begin with."""
+
+Heights = Annotated[Array, ArrayForm((-1,))]
+
+
+@array_dataclass
+class PlannedBeadMessage:
+    """A bead as it is to be laid, at the stations of the weld.
+
+    Parameters
+    ----------
+    number, layer : int
+        From 0.
+    s : ndarray, shape (n,)
+        Lengths along the groove, metres.
+    aim, tip : ndarray, shape (n, 2)
+        As of `NextBead`.
+    wanted, area, speed, feed, weave, heat_input, carried : ndarray, shape (n,)
+        As of `NextBead`.
+    weldable : ndarray, shape (n,)
+        1 where an arc may burn, 0 where the groove was not read.
+    """
+
+    number: int
+    layer: int
+    s: Array
+    aim: PlanarPoints
+    tip: PlanarPoints
+    wanted: Array
+    area: Array
+    speed: Array
+    feed: Array
+    weave: Array
+    heat_input: Array
+    carried: Array
+    weldable: Array
+
+
+@array_dataclass
+class ArcMessage:
+    """One arc, from its ignition to its end, as the torch was led and the source reported.
+
+    Parameters
+    ----------
+    number : int
+        Of its bead, from 0.
+    begin, end : float
+        From where to where it burned, metres along the groove.
+    seconds : float
+        With the torch moving.
+    fault : str
+        What ended it early; empty if nothing did.
+    simulated : bool
+        Whether it melted no real metal.
+    s, speed, feed, heat_input : ndarray, shape (k,)
+        Along the arc: metres, m/s, m/s and J/m.
+    """
+
+    number: int
+    begin: float
+    end: float
+    seconds: float
+    fault: str
+    simulated: bool
+    s: Array
+    speed: Array
+    feed: Array
+    heat_input: Array
+
+
+@dataclass(frozen=True, slots=True)
+class ArcStretchMessage:
+    """Ten millimetres of an arc.
+
+    Parameters
+    ----------
+    number : int
+        Of the bead, from 0.
+    begin, end : float
+        Metres along the groove.
+    current, current_least, current_most, voltage, feed, gas, speed, heat_input : SourcedNumber
+        Means, and the least and the most of the current; A, V, m/s, m³/s, m/s and J/m.
+    """
+
+    number: int
+    begin: float
+    end: float
+    current: SourcedNumber
+    current_least: SourcedNumber
+    current_most: SourcedNumber
+    voltage: SourcedNumber
+    feed: SourcedNumber
+    gas: SourcedNumber
+    speed: SourcedNumber
+    heat_input: SourcedNumber
+
+
+@array_dataclass
+class LookMessage:
+    """A look at the groove, and what it taught.
+
+    Parameters
+    ----------
+    beads : int
+        Laid before it.
+    time : float
+        On the arm's clock, seconds.
+    u : ndarray, shape (k,)
+        Columns, metres.
+    heights : ndarray, shape (n k,)
+        At each station, row by row, metres.
+    sigma : ndarray, shape (n,)
+        Of the heights, metres.
+    read : ndarray, shape (n,)
+        1 where it was read.
+    deviation, deviation_sigma : float
+        Of the last bead's centre from its plan as the look shows it, to the leg, metres: the mean,
+        and its standard deviation; 0 before the first bead.
+    gain, offset, shrinkage : float
+        As learnt; see `WeldLearner`.
+    """
+
+    beads: int
+    time: float
+    u: Array
+    heights: Array
+    sigma: Array
+    read: Array
+    deviation: float
+    deviation_sigma: float
+    gain: float
+    offset: float
+    shrinkage: float
+
+    @property
+    def w(self) -> Array:
+        """Heights, shape (n, k), metres."""
+        return self.heights.reshape(len(self.sigma), len(self.u))
+
+    @property
+    def was_read(self) -> Mask:
+        """Stations at which it was read, shape (n,)."""
+        return np.asarray(self.read > 0)
+
+
+BEAD_TOPIC: Final = Topic.of("/weld/bead", PlannedBeadMessage)
+ARC_TOPIC: Final = Topic.of("/weld/arc", ArcMessage)
+STRETCH_TOPIC: Final = Topic.of("/weld/stretch", ArcStretchMessage)
+LOOK_TOPIC: Final = Topic.of("/weld/look", LookMessage)
+WELD_TOPICS: Final[tuple[Topic[Any], ...]] = (
+    BEAD_TOPIC,
+    ARC_TOPIC,
+    STRETCH_TOPIC,
+    LOOK_TOPIC,
+    LOG_TOPIC,
+)
+"""Everything that a weld records."""
+
+TOPIC_OF_MESSAGE: Final[dict[type, Topic[Any]]] = {
+    PlannedBeadMessage: BEAD_TOPIC,
+    ArcMessage: ARC_TOPIC,
+    ArcStretchMessage: STRETCH_TOPIC,
+    LookMessage: LOOK_TOPIC,
+}
+
+WELD_STOP_EVENT: Final = "stop"
+"""Name of the event that a weld was stopped."""
+
+WeldMessage = PlannedBeadMessage | ArcMessage | ArcStretchMessage | LookMessage | RunEvent
+
+
+class WeldRecording(RecordingWriter):
+    """The journal that writes a weld's recording, each message up to the disk; a context manager.
+
+    Parameters
+    ----------
+    file, origin
+        As of `RecordingWriter`.
+    """
+
+    def __init__(self, file: Path, origin: JobSnapshot | None = None) -> None:
+        super().__init__(file, WELD_TOPICS, origin, errors=(WELD_STOP_EVENT,))
+
+    @delay_ctrl_c()
+    def record(self, message: object) -> None:
+        """Write a message."""
+        if isinstance(message, RunEvent):
+            self.add_event(message)
+        elif (topic := TOPIC_OF_MESSAGE.get(type(message))) is not None:
+            self.add(topic, message)
+        else:
+            return
+        self.flush()
+        self.sync_to_disk()
+
+
+def read_weld(directory: Path) -> Iterator[WeldMessage]:
+    """Yield everything that a weld recorded, in its order, over all its parts.
+
+    Raises
+    ------
+    ConfigurationError, RecordingError
+        As `read_messages` does.
+    """
+    files = recording_files(directory, WELD_RECORDING)
+    for entry in chain.from_iterable(read_messages(file, WELD_TOPICS) for file in files):
+        yield RunEvent.of_log(entry) if entry.topic is LOG_TOPIC else entry.message

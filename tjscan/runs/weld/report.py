@@ -1,0 +1,106 @@
+"""What the report of a run shows of its weld."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from tjscan.core.manifest import check_files_unaltered
+from tjscan.result.chapter import ReportChapter, ReportChart
+from tjscan.result.directory import JOB_FILE
+from tjscan.runs.weld.journal import WELD_RECORDING, WELD_STOP_EVENT, ArcMessage
+from tjscan.runs.weld.results import SIMULATED_WELD_NOTE, RecordedWeld, read_recorded_weld
+
+NOT_SEEN_NOTE = (
+    "A laser sees no crack, no lack of fusion, no pore below a millimetre and nothing of the far "
+    "side of the root."
+)
+
+
+def weld_chapter(directory: Path) -> ReportChapter:
+    """Make a weld's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
+    if not (directory / f"{WELD_RECORDING}.mcap").is_file():
+        return ReportChapter()
+    check_files_unaltered(directory / JOB_FILE)
+    found = read_recorded_weld(directory)
+    return ReportChapter(
+        facts=tuple(_weld_facts(found)),
+        findings=tuple(_weld_findings(found)),
+        charts=tuple(_weld_charts(found)),
+        events=found.events,
+    )
+
+
+def _arcs_of_bead(found: RecordedWeld, number: int) -> list[ArcMessage]:
+    return [arc for arc in found.arcs if arc.number == number]
+
+
+def _weld_facts(found: RecordedWeld) -> Iterator[tuple[str, str]]:
+    yield "beads", f"{len(found.beads)} planned, {len({arc.number for arc in found.arcs})} begun"
+    yield "arc time", f"{sum(arc.seconds for arc in found.arcs) / 60:.1f} min, as simulated"
+    yield "looks", f"{len(found.looks)}"
+    for bead in found.beads.values():
+        arcs = _arcs_of_bead(found, bead.number)
+        length = sum(arc.end - arc.begin for arc in arcs)
+        speed = [60e3 * float(v) for v in (bead.speed.min(), bead.speed.max())]
+        yield (
+            f"bead {bead.number + 1}, layer {bead.layer + 1}",
+            f"{1e6 * bead.area.mean():.1f} mm² planned on average (believed), {speed[0]:.0f} to "
+            f"{speed[1]:.0f} mm/min (set); {1e3 * length:.0f} mm welded by {len(arcs)} arcs",
+        )
+    for look in found.looks[-1:]:
+        yield (
+            "learnt",
+            f"deposition {look.gain:.3f} of what wire and speed give, torch "
+            f"{1e3 * look.offset:.2f} mm beside its pose, shrinkage {look.shrinkage:.2f} of the "
+            "model's (believed)",
+        )
+
+
+def _weld_findings(found: RecordedWeld) -> Iterator[str]:
+    yield f"{SIMULATED_WELD_NOTE}."
+    yield NOT_SEEN_NOTE
+    for bead in found.beads.values():
+        at_limit = float(np.mean(np.abs(bead.carried) > 0.02 * np.abs(bead.wanted)))
+        if at_limit:
+            yield (
+                f"Bead {bead.number + 1} is at a limit of the WPS on {100 * at_limit:.0f} % of its "
+                "length: what is missing there is left to later beads."
+            )
+        if not bead.weldable.all():
+            share = 100 * (1 - float(bead.weldable.mean()))
+            yield f"{share:.0f} % of bead {bead.number + 1} was not read, and no arc burned there."
+    for event in found.events:
+        if event.name == WELD_STOP_EVENT:
+            yield f"It was stopped: {event.detail}"
+
+
+def _weld_charts(found: RecordedWeld) -> Iterator[ReportChart]:
+    if not found.looks:
+        return
+    middle = len(found.looks[0].sigma) // 2
+    title = "section in the middle of the weld, look by look"
+    for look in found.looks:
+        line = f"after bead {look.beads}" if look.beads else "before welding"
+        x, y = 1e3 * look.u, 1e3 * look.w[middle]
+        yield ReportChart(title, "across, brace to leg / mm", "height / mm", x, y, line=line)
+    along = "along the groove / mm"
+    for bead in found.beads.values():
+        line, s = f"bead {bead.number + 1}", 1e3 * bead.s
+        speed = 60e3 * bead.speed
+        yield ReportChart("travel speed set", along, "speed / (mm/min)", s, speed, line=line)
+    for quantity, label, factor in (
+        ("current", "current / A", 1.0),
+        ("heat_input", "heat input / (kJ/mm)", 1e-6),
+    ):
+        for number in found.beads:
+            rows = [row for row in found.stretches if row.number == number]
+            known = [(row.begin, getattr(row, quantity)) for row in rows]
+            known = [(begin, one) for begin, one in known if one.value is not None]
+            if known:
+                x = 1e3 * np.array([begin for begin, _ in known])
+                y = factor * np.array([one.value for _, one in known])
+                title = f"{quantity.replace('_', ' ')}, {known[0][1].source}"
+                yield ReportChart(title, along, label, x, y, line=f"bead {number + 1}")

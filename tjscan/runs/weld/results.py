@@ -1,0 +1,199 @@
+"""The log of a weld: every number in it states where it comes from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.core.files import write_files_atomically
+from tjscan.core.provenance import Provenance
+from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
+from tjscan.core.units import LITRE_PER_MINUTE, M_PER_MIN, MM, MM2, SECONDS, FileUnit
+from tjscan.recording.journal import RunEvent
+from tjscan.recording.parts import recording_files
+from tjscan.result.directory import JOB_FILE, job_label_of_run
+from tjscan.runs.weld.journal import (
+    WELD_RECORDING,
+    ArcMessage,
+    ArcStretchMessage,
+    LookMessage,
+    PlannedBeadMessage,
+    read_weld,
+)
+
+WELD_LOG_FILE: Final = "weld-log.json"
+
+SIMULATED_WELD_NOTE: Final = "SIMULATED: no metal was melted, and no real arm led the torch"
+"""What every file and page of a simulated weld says."""
+
+NO_UNIT: Final = FileUnit("")
+AMPERE_UNIT: Final = FileUnit("A")
+VOLT_UNIT: Final = FileUnit("V")
+MM_PER_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
+KJ_PER_MM: Final = FileUnit("kJ_mm", 1e6)
+CELSIUS_UNIT: Final = FileUnit("C")
+
+STRETCH_UNITS: Final[Mapping[str, FileUnit]] = {
+    "current": AMPERE_UNIT,
+    "current_least": AMPERE_UNIT,
+    "current_most": AMPERE_UNIT,
+    "voltage": VOLT_UNIT,
+    "feed": M_PER_MIN,
+    "gas": LITRE_PER_MINUTE,
+    "speed": MM_PER_MIN,
+    "heat_input": KJ_PER_MM,
+}
+"""Numbers of a stretch and the units that the log gives them in."""
+
+HASHED_INPUTS: Final = (JOB_FILE, "wps.toml", "scan/sections.csv")
+"""Files that a weld rests on, whose SHA-256 the log states, beside its recordings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedWeld:
+    """What the recording of a weld holds, by kind.
+
+    Parameters
+    ----------
+    beads : dict of int to PlannedBeadMessage
+        As planned last, by number.
+    arcs, stretches, looks, events : tuple
+        In their order.
+    """
+
+    beads: dict[int, PlannedBeadMessage]
+    arcs: tuple[ArcMessage, ...]
+    stretches: tuple[ArcStretchMessage, ...]
+    looks: tuple[LookMessage, ...]
+    events: tuple[RunEvent, ...]
+
+
+def read_recorded_weld(directory: Path) -> RecordedWeld:
+    """Read a weld's recording; raises as `read_weld` does."""
+    kinds: dict[type, list[Any]] = {}
+    for message in read_weld(directory):
+        kinds.setdefault(type(message), []).append(message)
+    beads = {bead.number: bead for bead in kinds.get(PlannedBeadMessage, [])}
+    others = (ArcMessage, ArcStretchMessage, LookMessage, RunEvent)
+    return RecordedWeld(beads, *(tuple(kinds.get(kind, ())) for kind in others))
+
+
+def write_weld_results(directory: Path) -> None:
+    """Write the log of a weld from its recording, however far it came."""
+    if not (directory / f"{WELD_RECORDING}.mcap").is_file():
+        return
+    found = read_recorded_weld(directory)
+    text = json.dumps(weld_log(directory, found), indent=1, ensure_ascii=False)
+    with write_files_atomically(directory, last=WELD_LOG_FILE) as draft:
+        (draft / WELD_LOG_FILE).write_text(text + "\n", encoding="utf-8")
+
+
+def weld_log(directory: Path, found: RecordedWeld) -> dict[str, Any]:
+    """The log as JSON holds it: each number is an object of value, unit and source.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    found : RecordedWeld
+        Its recording.
+    """
+    inputs = [directory / name for name in HASHED_INPUTS]
+    inputs += recording_files(directory, WELD_RECORDING)
+    provenance = Provenance.for_file_written_now(job_label_of_run(directory), "j")
+    return {
+        "schema": "tjscan.weld-log",
+        "note": SIMULATED_WELD_NOTE if _is_simulated(found) else "",
+        "job": provenance.job,
+        "program": provenance.program,
+        "written": str(provenance.written),
+        "sha256": {
+            str(file.relative_to(directory)): sha256(file.read_bytes()).hexdigest()
+            for file in inputs
+            if file.is_file()
+        },
+        "preheat_temperature": _number(ABSENT_NUMBER, CELSIUS_UNIT),
+        "interpass_temperature": _number(ABSENT_NUMBER, CELSIUS_UNIT),
+        "beads": [_bead_entry(found, bead) for bead in found.beads.values()],
+        "looks": [_look_entry(look) for look in found.looks],
+        "stops": [event.detail for event in found.events if event.name == "stop"],
+    }
+
+
+def _is_simulated(found: RecordedWeld) -> bool:
+    return all(arc.simulated for arc in found.arcs)
+
+
+def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]:
+    at_limit = np.abs(bead.carried) > 0.02 * np.abs(bead.wanted)
+    return {
+        "bead": str(bead.number + 1),
+        "layer": str(bead.layer + 1),
+        "planned": {
+            "area_least": _number(_believed(bead.area.min()), MM2),
+            "area_most": _number(_believed(bead.area.max()), MM2),
+            "speed_least": _number(_set(bead.speed.min()), MM_PER_MIN),
+            "speed_most": _number(_set(bead.speed.max()), MM_PER_MIN),
+            "at_a_limit_of_the_wps": _number(_believed(at_limit.mean()), NO_UNIT),
+        },
+        "arcs": [_arc_entry(arc) for arc in found.arcs if arc.number == bead.number],
+        "stretches": [_stretch_entry(row) for row in found.stretches if row.number == bead.number],
+    }
+
+
+def _arc_entry(arc: ArcMessage) -> dict[str, Any]:
+    source = NumberSource.SIMULATED if arc.simulated else NumberSource.MEASURED
+    return {
+        "begin": _number(SourcedNumber(arc.begin, source), MM),
+        "end": _number(SourcedNumber(arc.end, source), MM),
+        "arc_time": _number(SourcedNumber(arc.seconds, source), SECONDS),
+        "fault": arc.fault,
+    }
+
+
+def _stretch_entry(row: ArcStretchMessage) -> dict[str, Any]:
+    moved = row.speed.source
+    return {
+        "begin": _number(SourcedNumber(row.begin, moved), MM),
+        "end": _number(SourcedNumber(row.end, moved), MM),
+        **{name: _number(getattr(row, name), unit) for name, unit in STRETCH_UNITS.items()},
+    }
+
+
+def _look_entry(look: LookMessage) -> dict[str, Any]:
+    measured, believed = NumberSource.MEASURED, NumberSource.BELIEVED
+    deviation = (look.deviation, look.deviation_sigma) if look.beads else (None, None)
+    return {
+        "after_bead": str(look.beads),
+        "read": _number(SourcedNumber(float(look.read.mean()), measured), NO_UNIT),
+        "height_sigma": _number(SourcedNumber(float(look.sigma.mean()), believed), MM),
+        "torch_deviation": _number(_known(deviation[0], measured), MM),
+        "torch_deviation_sigma": _number(_known(deviation[1], believed), MM),
+        "deposition_gain": _number(SourcedNumber(look.gain, believed), NO_UNIT),
+        "torch_offset": _number(SourcedNumber(look.offset, believed), MM),
+        "shrinkage_factor": _number(SourcedNumber(look.shrinkage, believed), NO_UNIT),
+    }
+
+
+def _known(value: float | None, source: NumberSource) -> SourcedNumber:
+    return ABSENT_NUMBER if value is None else SourcedNumber(value, source)
+
+
+def _set(value: float) -> SourcedNumber:
+    return SourcedNumber(float(value), NumberSource.SET)
+
+
+def _believed(value: float) -> SourcedNumber:
+    return SourcedNumber(float(value), NumberSource.BELIEVED)
+
+
+def _number(number: SourcedNumber, unit: FileUnit) -> dict[str, Any]:
+    shown = number.in_unit(unit.factor)
+    value = None if shown.value is None else float(f"{shown.value:.6g}")
+    return {"value": value, "unit": unit.suffix, "source": str(number.source)}

@@ -1,0 +1,575 @@
+"""Weld, look, plan again, weld on: from a job to a weld and its log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import ConfigurationError, LookRefused, WeldStopped
+from tjscan.core.frames import Array, Mask, inverse_pose
+from tjscan.job.cell import joint_surface, make_cell
+from tjscan.job.files import read_scan_job
+from tjscan.job.weld import WeldJob
+from tjscan.laser.drivers import SimulatedScene
+from tjscan.laser.optics import RaycastSurface
+from tjscan.planning.edges import fit_groove_edges
+from tjscan.planning.path import GrooveStations, cut_groove_stations
+from tjscan.planning.plan import WeldPlan, plan_weld
+from tjscan.planning.wps import WeldingProcedure, read_wps
+from tjscan.power.drivers import PowerDriverInputs
+from tjscan.power.sequence import ArcFault
+from tjscan.power.source import PowerSource
+from tjscan.recording.journal import Journal, RunEvent
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, JOINT_FILE, SUMMARY_FILE
+from tjscan.result.shapes import read_finished_sections
+from tjscan.robot.arm import ArmState
+from tjscan.runs.run import JobContext, make_run_directory, record_vehicle_run
+from tjscan.runs.scan.run import ScanContext, result_frame_of_job, resume_scan, run_scan
+from tjscan.runs.weld import look as looking
+from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, WallClock, left_to_weld
+from tjscan.runs.weld.journal import (
+    WELD_RECORDING,
+    WELD_STOP_EVENT,
+    ArcMessage,
+    LookMessage,
+    PlannedBeadMessage,
+    WeldRecording,
+    read_weld,
+)
+from tjscan.runs.weld.results import write_weld_results
+from tjscan.scanning.recording import read_recorded_scan
+from tjscan.scanning.section import ProfileView
+from tjscan.scanning.stopping import StopRequest
+from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
+from tjscan.welding.state import WeldState
+from tjscan.welding.world import TorchTrace, WeldWorld
+
+SCAN_DIRECTORY: Final = "scan"
+"""Of the scan, in a weld's run directory."""
+
+WPS_FILE: Final = "wps.toml"
+
+RAY_HEIGHT: Final = 60e-3
+"""Above the sections' origins from which the true surface is sought, metres."""
+
+WEAVE_WIDTHS: Final = (3e-3, 4e-3)
+"""Of the weave of beads below the last layer, and of the last layer, metres (assumption)."""
+
+SHORTEST_ARC: Final = 20e-3
+"""A shorter stretch between two that were not read is not welded, metres."""
+
+IGNITION_SHIFT: Final = 2e-3
+"""Farther on along the bead a second ignition is tried, metres."""
+
+INDEPENDENT_STATIONS: Final = 5
+"""Stations after which what a bead is off is no longer that of the ones before (assumption)."""
+
+TRACE_STEP: Final = 0.5e-3
+"""Between two places of a torch's trace, metres."""
+
+
+class LookSchedule(StrEnum):
+    """When the weld is looked at."""
+
+    PASS = "pass"
+    LAYER = "layer"
+    CAP = "cap"
+    NONE = "none"
+
+
+def nobody_objects(question: str) -> bool:
+    """Whether a person agrees, in a simulation: always."""
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class WeldContext(JobContext[WeldJob]):
+    """A weld's job with what it names, and where its run reports to; see `JobContext`.
+
+    Parameters
+    ----------
+    stop : StopRequest
+        Asks for an end; an arc that burns is put out.
+    ask : callable
+        Asks a person to let the weld go on, or to strike the arc.
+    """
+
+    stop: StopRequest = field(default_factory=StopRequest)
+    ask: Callable[[str], bool] = nobody_objects
+
+    @cached_property
+    def scan(self) -> ScanContext:
+        """The same for the scan."""
+        return ScanContext(self.job.scan_job, self.job_file, self.journal, stop=self.stop)
+
+    @cached_property
+    def wps(self) -> WeldingProcedure:
+        """The welding procedure specification that the job names."""
+        return read_wps(self.wps_file)
+
+    @property
+    def wps_file(self) -> Path:
+        """Its file."""
+        return self.job_file.parent / self.job.weld.wps
+
+    @property
+    def must_stop(self) -> bool:
+        """Whether the operator asked for an end."""
+        return self.stop.must_stop_now or self.stop.ends_after_section
+
+
+def run_weld(
+    context: WeldContext, directory: Path, *, arc: bool, looks: LookSchedule = LookSchedule.PASS
+) -> None:
+    """Scan, weld and look, into a new run directory.
+
+    Parameters
+    ----------
+    context : WeldContext
+    directory : Path
+        To make.
+    arc : bool
+        Whether an arc may burn; without, the weld is planned alone.
+    looks : LookSchedule, optional
+
+    Raises
+    ------
+    TjscanError
+        If the job is wrong, the weld is stopped or a device fails; the recording holds what
+        happened until then, and the log is written from it.
+    """
+    with add_file_to_errors(context.job_file):
+        scan, _ = context.scan, context.wps  # its mistakes are found before anything moves
+        job = context.job.model_copy(update={"weld": replace(context.job.weld, wps=WPS_FILE)})
+        copies = {
+            JOINT_FILE: scan.joint_file,
+            CALIBRATION_FILE: scan.sensor_mount.file,
+            WPS_FILE: context.wps_file,
+        }
+        make_run_directory(directory, job, context.job_file, copies)
+    run_scan(scan, directory / SCAN_DIRECTORY)
+    _weld_and_record(context, directory, arc=arc, looks=looks)
+
+
+def resume_weld(
+    context: WeldContext, *, arc: bool, looks: LookSchedule = LookSchedule.PASS
+) -> None:
+    """Go on with a weld that was stopped, or that was a dry run, in its run directory.
+
+    Parameters
+    ----------
+    context : WeldContext
+        The job as the run directory holds it.
+    arc, looks
+        As of `run_weld`.
+    """
+    directory = context.job_file.parent
+    scanned = directory / SCAN_DIRECTORY
+    if not (scanned / JOB_FILE).is_file():
+        run_scan(context.scan, scanned)
+    elif not (scanned / SUMMARY_FILE).is_file():
+        file = scanned / JOB_FILE
+        resume_scan(replace(context.scan, job=read_scan_job(file), job_file=file))
+    _weld_and_record(context, directory, arc=arc, looks=looks)
+
+
+def _weld_and_record(
+    context: WeldContext, directory: Path, *, arc: bool, looks: LookSchedule
+) -> None:
+    done = list(read_weld(directory)) if (directory / f"{WELD_RECORDING}.mcap").is_file() else []
+    with add_file_to_errors(context.job_file):
+        weld = Weld.of_scan(context, directory)
+    with record_vehicle_run(
+        context, directory, WELD_RECORDING, WeldRecording, write_weld_results
+    ) as journal:
+        try:
+            for message in done:
+                weld.replay(message)
+            weld.end_replay()
+            if arc:
+                with weld.power_source() as source:
+                    weld.weld_all(source, looks, journal)
+            else:
+                weld.plan_all(journal)
+        except (LookRefused, WeldStopped) as error:
+            journal.record(RunEvent(WELD_STOP_EVENT, str(error)))
+            raise
+
+
+@dataclass(eq=False)
+class Weld:
+    """A weld under way: what is believed of it, and in a simulation what is true.
+
+    Parameters
+    ----------
+    context : WeldContext
+    stations : GrooveStations
+        Sections of the first scan, in the frame of its results.
+    toes_u : ndarray, shape (n, 2)
+        Where the finished weld shall meet brace and leg, metres.
+    order : BeadOrder
+    world : WeldWorld
+        The truth.
+    views : list of ProfileView
+        From which the scan looked, one a section.
+    """
+
+    context: WeldContext
+    stations: GrooveStations
+    toes_u: Array
+    order: BeadOrder
+    world: WeldWorld
+    views: list[ProfileView]
+    planner: WeldPlanner | None = None
+    weldable: Mask = field(init=False)
+    _bead: NextBead | None = None
+    _arcs: list[ArcMessage] = field(default_factory=list)
+    _laid: bool = False
+    _arm: ArmState | None = None
+    _previous: WeldState | None = None
+
+    def __post_init__(self) -> None:
+        self.weldable = np.zeros(len(self.stations.s), dtype=bool)
+
+    @classmethod
+    def of_scan(cls, context: WeldContext, directory: Path) -> Weld:
+        """Make a weld of a finished scan; nothing of it is welded.
+
+        Raises
+        ------
+        ConfigurationError
+            If the groove closes, or nothing that the WPS allows fits.
+        """
+        scanned, settings = directory / SCAN_DIRECTORY, context.job.weld
+        wps = context.wps
+        _, sections = read_finished_sections(scanned)
+        edges = fit_groove_edges(sections, wps.sequence.longest_step)
+        if edges.closed:
+            raise ConfigurationError(
+                "the groove was scanned all round; a weld of a stretch of it is made from one "
+                "place of the arm: make scan.length_mm shorter",
+                key="scan.length_mm",
+            )
+        gravity = np.array(settings.gravity) / np.linalg.norm(settings.gravity)
+        count = max(2, round(edges.length / settings.station_step))
+        stations = cut_groove_stations(edges, np.linspace(0.0, edges.length, count + 1))
+        order = _bead_order(plan_weld(edges, wps, gravity), wps)
+        toes_u = stations.corners[:, [3, 2], 0]
+        u = _columns(toes_u, settings.margin)
+        tilt = _tilt_of_gravity(stations, gravity)
+        true = WeldState.of_groove(
+            stations.s, u, _true_heights(context.scan, stations, u), toes_u, tilt
+        )
+        world = WeldWorld(
+            true,
+            wps.wire.diameter,
+            wps.wire.deposition_efficiency,
+            np.random.default_rng(settings.simulation.seed),
+            faults=settings.simulation.faults,
+        )
+        last = {view.index: view for view in read_recorded_scan(scanned).views}
+        return cls(context, stations, toes_u, order, world, [last[k] for k in sorted(last)])
+
+    @property
+    def count(self) -> int:
+        """Beads of the weld."""
+        return sum(self.order.counts)
+
+    def power_source(self) -> PowerSource:
+        """The power source that the job names, not yet connected."""
+        power = self.context.job.power
+        simulated = power.driver_kind is DriverKind.SIMULATED
+        self.clock = SimulatedClock() if simulated else WallClock()
+        source: PowerSource = power.make_device(
+            PowerDriverInputs(
+                ask=self.context.ask,
+                clock=lambda: self.clock.now,
+                seed=self.context.job.weld.simulation.seed,
+            )
+        )
+        return source
+
+    def plan_all(self, journal: Journal) -> None:
+        """Look, and plan every bead that is left by the bead model alone; nothing is welded."""
+        planner = self.planner or self._look(journal)
+        while planner.done < self.count:
+            bead = planner.next_bead()
+            journal.record(self._planned(bead))
+            planner.after_bead(bead)
+        journal.record(RunEvent("dry run", "nothing was welded: an arc needs --arc"))
+
+    def weld_all(self, source: PowerSource, looks: LookSchedule, journal: Journal) -> None:
+        """Weld every bead that is left, and look as often as is asked for.
+
+        Raises
+        ------
+        WeldStopped
+            If a guard, the operator or a look stops it; the arc is out.
+        """
+        job = self.context.job
+        welder = ArcWelder(
+            source,
+            job.weld.arc,
+            self.context.wps,
+            self.clock,
+            journal,
+            lambda: self.context.must_stop,
+            simulated=True,  # the arm is
+        )
+        planner = self.planner or self._look(journal)
+        while planner.done < self.count:
+            bead = self._bead
+            if bead is None:
+                bead = self._bead = planner.next_bead()
+                self._wait_before(bead)
+                journal.record(self._planned(bead))
+            for begin, end in tuple(self.stretches_left(bead)):
+                self._weld_stretch(welder, bead, begin, end)
+            self._finish_bead(planner, bead)
+            if self._look_is_due(planner, looks):
+                planner = self._look(journal)
+            self.clock.wait(job.weld.interpass_wait)
+        if looks is not LookSchedule.NONE and self._laid:
+            self._look(journal)
+
+    def replay(self, message: object) -> None:
+        """Take in what was recorded before a stop."""
+        match message:
+            case PlannedBeadMessage():
+                if self._arcs and self._bead is not None and self.planner is not None:
+                    self._finish_bead(self.planner, self._bead)
+                self._bead = NextBead(
+                    **{one.name: getattr(message, one.name) for one in fields(NextBead)}
+                )
+                self.weldable = message.weldable > 0
+            case ArcMessage():
+                self._arcs.append(message)
+                self._lay(message)
+            case LookMessage():
+                if self._bead is not None and self._arcs and self.planner is not None:
+                    self._finish_bead(self.planner, self._bead)
+                self._take_look(
+                    looking.SurfaceLook(message.u, message.w, message.sigma, message.was_read)
+                )
+                self._bead = None
+
+    def end_replay(self) -> None:
+        """Forget a bead that was planned alone."""
+        if not self._arcs:
+            self._bead = None
+
+    def stretches_left(self, bead: NextBead) -> Iterator[tuple[float, float]]:
+        """From where to where a bead is still to be welded, metres along the groove."""
+        for span in _spans(bead.s, self.weldable):
+            left = left_to_weld(span, self._arcs, self.context.job.weld.overlap)
+            if left is not None and span[1] - span[0] >= SHORTEST_ARC:
+                yield left
+
+    def _wait_before(self, bead: NextBead) -> None:
+        number = bead.number + 1
+        if self.context.must_stop:
+            raise WeldStopped(ArcFault.STOPPED, "by the operator, between two beads")
+        if number in self.context.job.weld.holds and not self.context.ask(f"weld bead {number}"):
+            raise WeldStopped("hold", f"bead {number} was not let go")
+
+    def _planned(self, bead: NextBead) -> PlannedBeadMessage:
+        values = {one.name: getattr(bead, one.name) for one in fields(NextBead)}
+        return PlannedBeadMessage(**values, weldable=self.weldable.astype(float))
+
+    def _weld_stretch(self, welder: ArcWelder, bead: NextBead, begin: float, end: float) -> None:
+        for at in (begin, begin + IGNITION_SHIFT):
+            message, stopped = welder.weld(bead, at, end)
+            self._arcs.append(message)
+            self._lay(message)
+            if stopped is None:
+                return
+            if stopped.fault != ArcFault.NO_IGNITION or at > begin:
+                raise stopped
+
+    def _lay(self, arc: ArcMessage) -> None:
+        """Let the metal of an arc lie where the torch truly was."""
+        bead = self._bead
+        if bead is None or len(arc.s) < 2 or arc.s[-1] - arc.s[0] < TRACE_STEP:
+            return
+        s = np.linspace(arc.s[0], arc.s[-1], 1 + round((arc.s[-1] - arc.s[0]) / TRACE_STEP))
+        tip = np.column_stack([np.interp(s, bead.s, column) for column in bead.tip.T])
+        along = [np.interp(s, arc.s, values) for values in (arc.speed, arc.feed, arc.heat_input)]
+        down = np.tile((0.0, -1.0), (len(s), 1))
+        weave = np.interp(s, bead.s, bead.weave)
+        speed, feed, heat = along
+        self.world.weld(TorchTrace(s, tip, down, speed, feed, heat, weave))
+        self._laid = True
+
+    def _finish_bead(self, planner: WeldPlanner, bead: NextBead) -> None:
+        planner.after_bead(bead, self.weldable)
+        self._bead, self._arcs = None, []
+
+    def _look_is_due(self, planner: WeldPlanner, looks: LookSchedule) -> bool:
+        if planner.done >= self.count or looks is LookSchedule.NONE:
+            return False
+        layer, before = self.order.layer_of(planner.done)
+        match looks:
+            case LookSchedule.PASS:
+                return True
+            case LookSchedule.LAYER:
+                return before == 0
+            case _:
+                return before == 0 and layer == len(self.order.counts) - 1
+
+    def _look(self, journal: Journal) -> WeldPlanner:
+        """Look at the groove as it now is, and plan from what is seen."""
+        seen, time = self._scan_again()
+        before = self.planner.belief if self.planner is not None else None
+        planner = self._take_look(seen)
+        learner, deviation = planner.learner, (0.0, 0.0)
+        if before is not None and self._previous is not None:
+            deviation = _centre_deviation(self._previous, before, planner.belief, seen.read)
+        self._previous = planner.belief
+        journal.record(
+            LookMessage(
+                planner.done,
+                time,
+                seen.u,
+                seen.w.ravel(),
+                seen.sigma,
+                seen.read.astype(float),
+                *deviation,
+                learner.gain.value,
+                learner.offset.value,
+                learner.shrinkage.value,
+            )
+        )
+        for begin, end in _spans(self.stations.s, ~seen.read):
+            where = f"{1e3 * begin:.0f} to {1e3 * end:.0f} mm"
+            journal.record(RunEvent("not read", f"{where} along the groove: no arc burns there"))
+        return planner
+
+    def _take_look(self, seen: looking.SurfaceLook) -> WeldPlanner:
+        if self.planner is None:
+            tilt = self.world.state.tilt
+            belief = WeldState.of_groove(self.stations.s, seen.u, seen.w, self.toes_u, tilt)
+            model = self.context.job.weld.bead
+            self.planner = WeldPlanner(belief, self.order, self.context.wps, model)
+        else:
+            u = np.tile(seen.u, (len(seen.w), 1))
+            self.planner.take_look(u, seen.w, seen.sigma, seen.read)
+        self.weldable, self._laid = seen.read, False
+        return self.planner
+
+    def _scan_again(self) -> tuple[looking.SurfaceLook, float]:
+        """Go the way of the scan again over the groove as it now is."""
+        context, settings = self.context.scan, self.context.job.weld
+        state = self.world.state
+        points = self.stations.points_to_space(np.stack((state.u, state.w), axis=2))
+        surface = RaycastSurface(points.reshape(-1, 3), _grid_triangles(*state.u.shape))
+        frame = result_frame_of_job(context.job)
+        job = context.job
+        T_b_r = inverse_pose(job.T_w_b_true) @ (np.eye(4) if job.joint is None else job.joint.T_w_j)
+        scene = SimulatedScene(surface, T_b_r)
+        cell = make_cell(job, context.sensor_mount, lambda: scene, self._arm)
+        profiles = []
+        with cell:
+            cell.arm.move_joint_to_pose(self.views[0].T_b_f, near=self.views[0].q)
+            poses = [view.T_b_f for view in self.views]
+            for T_b_f in looking.interpolate_poses(poses, settings.look_step):
+                if self.context.must_stop:
+                    raise WeldStopped(ArcFault.STOPPED, "by the operator, during a look")
+                self._arm = cell.arm.move_linear(T_b_f)
+                T_r_s = frame.T_r_b @ self._arm.T_b_f @ cell.T_f_s
+                profiles.append(looking.points_of_profile(cell.laser.capture().points, T_r_s))
+            time = cell.arm.state().time
+        u = _columns(self.toes_u, settings.margin)
+        steel = looking.SteelBefore.of_corners(self.stations)
+        if self.planner is not None:
+            belief, last = self.planner.belief, self._previous or self.planner.belief
+            # What was not read was never seen to be filled.
+            w = np.where(self.weldable[:, None], last.w, belief.base)
+            steel = looking.SteelBefore(belief.u, w)
+        surface_seen = looking.surface_of_profiles(
+            self.stations, profiles, u, self.toes_u, settings.look_step, steel
+        )
+        return surface_seen, time
+
+
+def _columns(toes_u: Array, margin: float) -> Array:
+    low, high = float(toes_u[:, 0].min()) - margin, float(toes_u[:, 1].max()) + margin
+    return np.linspace(low, high, 1 + round((high - low) / looking.COLUMN_STEP))
+
+
+def _tilt_of_gravity(stations: GrooveStations, gravity: Array) -> Array:
+    """Angle of gravity in each section from straight into it, towards the brace; radians."""
+    return np.asarray(np.arctan2(-(stations.across @ gravity), -(stations.up @ gravity)))
+
+
+def _true_heights(scan: ScanContext, stations: GrooveStations, u: Array) -> Array:
+    """Heights of the true joint over the sections' columns, shape (n, m), metres."""
+    if scan.joint is None:
+        raise ConfigurationError("a simulated weld needs a [joint] table", key="joint")
+    shape = len(stations.s), len(u)
+    start = np.stack(np.broadcast_arrays(u, np.full(shape, RAY_HEIGHT)), axis=2)
+    origins = stations.points_to_space(start).reshape(-1, 3)
+    directions = np.repeat(-stations.up, len(u), axis=0)
+    hits = joint_surface(scan.joint).cast_rays(origins, directions)
+    heights = RAY_HEIGHT - hits.distance.reshape(shape)
+    if not np.isfinite(heights).all():
+        raise ConfigurationError(
+            "the joint has no faces as far beside the groove as weld.margin_mm", key="weld"
+        )
+    return heights
+
+
+def _bead_order(plan: WeldPlan, wps: WeldingProcedure) -> BeadOrder:
+    """Beads of the plan's longest zone."""
+    zone = max(plan.zones, key=lambda one: one.end - one.begin)
+    arrangement = zone.arrangement
+    last = len(arrangement.counts) - 1
+    layers = np.repeat(np.arange(len(arrangement.counts)), arrangement.counts)
+    weaves = tuple(WEAVE_WIDTHS[int(layer == last)] for layer in layers)
+    feeds = tuple(kind.feed for kind in arrangement.kinds)
+    return BeadOrder(
+        counts=tuple(arrangement.counts),
+        feeds=feeds,
+        weaves=weaves,
+        cap_height=wps.bead.cap_height,
+    )
+
+
+def _grid_triangles(n: int, m: int) -> NDArray[np.intp]:
+    index = np.arange(n * m).reshape(n, m)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]
+    return np.stack((a, b, c, b, d, c), axis=-1).reshape(-1, 3)
+
+
+def _spans(s: Array, on: Mask) -> Iterator[tuple[float, float]]:
+    """From where to where a mask holds, metres."""
+    changes = np.flatnonzero(np.diff(np.concatenate(((False,), on, (False,))).astype(int)))
+    for a, b in zip(changes[::2], changes[1::2], strict=True):
+        yield float(s[a]), float(s[b - 1])
+
+
+def _centre_deviation(
+    before: WeldState, predicted: WeldState, seen: WeldState, read: Mask
+) -> tuple[float, float]:
+    """Of a bead from where it was planned, to the leg: median along it and its sigma, metres.
+
+    At each station the shift of the planned bead that explains best what a look shows besides.
+    """
+    slope = np.gradient(predicted.w - before.w, axis=1) / np.gradient(predicted.u, axis=1)
+    other = seen.w - predicted.w
+    known = read & (np.einsum("ij,ij->i", slope, slope) > 0)
+    if not known.any():
+        return 0.0, 0.0
+    slope, other = slope[known], other[known]
+    shift = -np.einsum("ij,ij->i", slope, other) / np.einsum("ij,ij->i", slope, slope)
+    middle = float(np.median(shift))
+    spread = 1.4826 * float(np.median(np.abs(shift - middle)))
+    return middle, spread / np.sqrt(max(len(shift) / INDEPENDENT_STATIONS, 1.0))
