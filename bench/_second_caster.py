@@ -74,9 +74,12 @@ class WedgeGroove:
             height = self.proud[name](s) if name in self.proud else 0.0
             height = height + self.bends.get(name, 0.0) * s * s
             behind[name] = dx * along[1] - dz * along[0] + height
-        # Bevel and root end where the wall is.
-        inner = np.minimum(behind["wall"], np.maximum(behind["bevel"], behind["root"]))
-        found = np.maximum(inner, behind["leg"])
+        # Drawn on into the brace the root ends at the wall at the latest.
+        (x3, z3), (ux, uz) = self.sides["root"]
+        inside = (x - x3) * ux + (z - z3) * uz < 0
+        root = np.where(inside, np.minimum(behind["root"], behind["wall"]), behind["root"])
+        found = np.maximum(np.minimum(behind["wall"], behind["bevel"]), behind["leg"])
+        found = np.maximum(found, root)
         for centre, radius in self.discs:
             found = np.maximum(found, radius - np.hypot(x - centre[0], z - centre[1]))
         return np.asarray(found)
@@ -91,7 +94,10 @@ class WedgeGroove:
 
     @property
     def area(self) -> float:
-        """Between the weld or root and where the tangents of wall and leg meet, m²."""
+        """Between the weld or root and where the tangents of wall and leg meet, m².
+
+        What stands out over both counts as less than nothing.
+        """
         p2, p3, p4 = self.corners
         along = np.linalg.solve(np.column_stack((-self.wall, -self.leg)), p4 - p2)[0]
         (ax, az), (bx, bz) = p3 - p2 + along * self.wall, p4 - p2
@@ -99,7 +105,7 @@ class WedgeGroove:
         s = np.linspace(0, chord, 4001)
         stands = self.proud["root"](s) if "root" in self.proud else np.zeros_like(s)
         # The diagonals of origin, p2, p3 and p4.
-        return 0.5 * abs(float(ax * bz - az * bx)) - float(stands.mean()) * chord
+        return 0.5 * float(ax * bz - az * bx) - float(stands.mean()) * chord
 
 
 @dataclass(frozen=True)

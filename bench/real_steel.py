@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from _known_flanks import known_flanks
 from _second_caster import SECOND_FILLED, SECOND_GROOVES, SecondFault, WedgeProfile
 from _sections import EMITTER_Z, Array, look_at
 from _steel import (
@@ -47,6 +48,7 @@ from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
+from tjscan.groove.filled import read_filled_groove
 from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import BUTT_V, GrooveSettings
@@ -236,6 +238,37 @@ def judge_fill(name: str, k: int) -> FillVerdict:
     return FillVerdict(truth > 0, True, wrong, abs(area / truth - 1), z_sq)
 
 
+def judge_with_flanks(name: str, k: int) -> FillVerdict:
+    """Read the k-th profile of such a row with its bare groove known; the error is in m²."""
+    shot = shot_of(name, k)
+    truth = shot.groove.area if isinstance(shot, WedgeProfile) else area_left(shot.groove)
+    try:
+        found = read_filled_groove(profile_of(shot.points), known_flanks(FAULTS[name], k))
+    except GrooveNotFound:
+        return FillVerdict(truth > 0, read=False)
+    section = found.section
+    off = np.linalg.norm(section.points_s[1, [0, 2]] - shot.groove.corners[0])
+    wrong = bool(np.trace(section.covariance_s[:2, :2]) < SURE**2 and off > WRONG)
+    error = abs(section.area - truth)
+    return FillVerdict(truth > 0, True, wrong, error, (error / section.area_sigma) ** 2)
+
+
+def rows_with_flanks(fault: Fault | SecondFault, verdicts: Sequence[FillVerdict]) -> list[Row]:
+    """The bars of such a row with its bare groove known."""
+    name, read_ = f"{fault.name}, flanks known", [v for v in verdicts if v.read]
+    errors = 1e6 * np.array([v.error for v in read_])
+    wrong = 100 * float(np.mean([v.sure_wrong for v in verdicts]))
+    z_sq = float(np.mean([v.z_sq for v in read_]))
+    share = 100 * len(read_) / len(verdicts)
+    return [
+        Row(f"{name}: read", share, 100, "%", at_least=LEAST_FILLED_READ),
+        Row(f"{name}: sure and wrong", wrong, 0.5, "%"),
+        Row(f"{name}: area left, mean error", float(errors.mean()), 2, "mm²"),
+        Row(f"{name}: area left, 95 %", float(np.percentile(errors, 95)), 5, "mm²"),
+        Row(f"{name}: area left, mean z²", z_sq, 2, at_least=0.5),
+    ]
+
+
 def fill_rows(fault: Fault | SecondFault, verdicts: Sequence[FillVerdict]) -> list[Row]:
     """The bars of a row: where nothing is left to fill, a profile is to be refused."""
     name = fault.name
@@ -415,6 +448,7 @@ def measure(count: int, first: int) -> list[Row]:
         faults = (*ALL_GROOVES, *NO_GROOVE)
         waiting = [(f, work(partial(judge, f.name), numbers)) for f in faults]
         filled = [(f, work(partial(judge_fill, f.name), numbers)) for f in ALL_FILLED]
+        known = [(f, work(partial(judge_with_flanks, f.name), numbers)) for f in ALL_FILLED]
         bounds = work(against_bound, range(count))
         for fault, verdicts in waiting:
             if fault in ALL_GROOVES:
@@ -423,6 +457,8 @@ def measure(count: int, first: int) -> list[Row]:
                 rows.append(no_groove_row(fault, list(verdicts)))
         for fault, found in filled:
             rows += fill_rows(fault, list(found))
+        for fault, found in known:
+            rows += rows_with_flanks(fault, list(found))
         rows += bound_rows(list(bounds))
     return rows + real_rows(min(count, 40)) + time_rows(min(count, 300))
 

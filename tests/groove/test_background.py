@@ -182,3 +182,24 @@ def test_the_cap_of_a_seam_weld_beside_the_groove_is_no_reflection(seed: int) ->
     off, sigma = errors_and_sigmas(section, groove)
     assert off.max() < 0.2 * MM
     assert sigma.max() < 0.3 * MM
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("half", [11, 16])
+def test_a_root_alone_may_be_a_reflection_where_there_are_shorter_ones(
+    seed: int, half: int
+) -> None:
+    """A flat run 1.5 mm behind the root, which is lost; other runs are of twenty points."""
+    groove = Groove(root=0.006)
+    profile = draw(groove, NOISE, seed)
+    rays = profile.x_s / profile.z_s
+    order, z = np.argsort(-rays), profile.z_s.copy()
+    middle = groove.corners[1:].mean(axis=0)
+    root = int(np.abs(rays[order] - middle[0] / middle[1]).argmin())
+    z[order[root - 25 : root + 25]] = np.nan
+    z[order[root - half : root + half + 1]] = middle[1] + 1.5 * MM
+    for first in (root - 65, root + 45, root + 95):
+        z[order[first : first + 20]] -= 3 * MM
+    section = read_groove(Profile(np.where(np.isnan(z), np.nan, rays * z), z))
+    off, sigmas = errors_and_sigmas(section, groove)
+    assert not ((off > 1 * MM) & (sigmas < SURE)).any()

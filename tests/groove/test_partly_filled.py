@@ -191,6 +191,16 @@ def test_what_a_hole_hides_is_stated(first: int) -> None:
         assert abs(section.area - area_left(GROOVE, sides)) < 4 * section.area_sigma + 2e-6
 
 
+def test_a_weld_of_which_a_hole_hides_most_is_not_stated() -> None:
+    sides = filled(GROOVE, 0.7, 0.1)
+    toes = np.sort([p[0] / p[1] for p in (sides[2][0], sides[2][-1])])
+    profile = seen(sides, NOISE, 0)
+    rays = profile.x_s / profile.z_s
+    first, stop = np.searchsorted(rays, toes[0] + np.array((0.1, 0.8)) * np.ptp(toes))
+    with pytest.raises(GrooveNotFound, match="too little is seen of the weld"):
+        read_groove(hidden(sides, slice(first, stop)))
+
+
 def test_a_bead_that_rises_high_bounds_the_area_too() -> None:
     """One of three is 2.5 mm high: farther off any smooth surface than most noise."""
     sides = filled(GROOVE, 0.5)

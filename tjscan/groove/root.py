@@ -13,6 +13,7 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
     LEAST_REFLECTION_DISTANCE,
+    MEETING_REACH,
     SHARE_ENDING_AT_SURFACE,
     reflection_probability,
     share_in_long_stretches,
@@ -74,7 +75,7 @@ FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
 
 MOST_HIDDEN_SHARE: Final = 0.5
-"""Share of a bevel beside a weld that one hole may hide."""
+"""Share of a weld, or of a bevel beside it, that one hole may hide."""
 
 HOLLOW_SIGMA_SHARE: Final = 0.1
 """Standard deviation of the area between a face and its chord, as a share of it: no bead is a
@@ -201,14 +202,16 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
         corners.append(np.array(curve.point_on_curve(s)))
         places.append(s)
         ends.append(end)
-    bevel = np.sort([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
-    if np.diff(bevel).max() > MOST_HIDDEN_SHARE * (bevel[-1] - bevel[0]):
-        raise GrooveNotFound(
-            "ambiguous",
-            "over the weld too little is seen of the bevel. Look at the groove more squarely.",
-            fit.row.points,
-        )
     surface = weld_surface(fit, *ends)
+    seen = np.vstack((corners[1], surface, corners[2])) @ (corners[2] - corners[1])
+    own = np.array([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
+    for name, along in (("bevel", own), ("weld", seen)):
+        if np.diff(np.sort(along)).max() > MOST_HIDDEN_SHARE * np.ptp(along):
+            raise GrooveNotFound(
+                "ambiguous",
+                f"too little is seen of the {name}. Look at the groove more squarely.",
+                fit.row.points,
+            )
     # Over a hole the surface may rise or sag.
     holes = np.linalg.norm(np.diff(np.vstack((corners[1], surface, corners[2])), axis=0), axis=1)
     section = _section_with_corners(
@@ -227,8 +230,9 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
 
     One that goes over neither into the bevel nor into the leg may be a reflection. One that
     goes over into one of them may be spatter there, or its far end may be a reflection: as
-    probably as points are far off the surface in runs that are as long. Then the corners are
-    anywhere between the last points of bevel and leg and where these, drawn on, meet.
+    probably as points are far off the surface in runs that are as long, or half as long where it
+    is far from both. Then the corners are anywhere between the last points of bevel and leg and
+    where these, drawn on, meet.
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
@@ -238,6 +242,8 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     gaps = gaps_beside_corners(fitted)[-2:]
+    if gaps.max(axis=1).min() > MEETING_REACH:
+        points //= 2
     for k, curve in ((0, bevel), (2, leg)):
         jumping = SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0
         probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=jumping)
