@@ -1,4 +1,4 @@
-"""Grooves of joints as designed: corners, areas and volume, which no planner had a hand in."""
+"""Grooves of joints as designed: outlines, areas and volume, which no planner had a hand in."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from typing import Final
 
 import manifold3d
 import numpy as np
+import shapely
 
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
+from tjscan.planning.leg import bound_groove_by_leg
+from tjscan.planning.path import GrooveStations
 
 BRACES_MM: Final = {
     168.3: (8.0, 12.5, 16.0, 20.0),
@@ -41,12 +44,38 @@ def designed_corners(joint: JointDefinition, phi: Array) -> Array:
     return np.stack([cylindrical_to_j(phi, p[:, 0], p[:, 1]) for p in corners], axis=1)
 
 
-def designed_areas(joint: JointDefinition, phi: Array) -> Array:
-    """Areas square to the groove, shape (n,), m²: of their vectors, along the corners' way."""
-    p, h = designed_corners(joint, phi), 1e-4
-    vectors = 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
-    way = (designed_corners(joint, phi + h) - designed_corners(joint, phi - h)).mean(axis=1)
-    return np.asarray(np.abs(np.sum(vectors * way, axis=1)) / np.linalg.norm(way, axis=1))
+def designed_rims(joint: JointDefinition, phi: Array, count: int) -> Array:
+    """Outlines of the groove in radial planes, shape (n, 4 count, 3): root, leg, wall, bevel."""
+    found = JointGrooveSections(joint, phi)
+    p2, p3, p4 = found.p2[:, None], found.p3[:, None], found.p4[:, None]
+    share = np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
+    rho = p4[..., 0] + share.T * (p2[..., 0] - p4[..., 0])
+    foot = np.stack((p2[..., 0], joint.leg_surface.height(phi, p2[:, 0, 0])[:, None]), axis=2)
+    leg = np.stack((rho, joint.leg_surface.height(phi[:, None], rho)), axis=2)
+    root, wall, bevel = (a + share * (b - a) for a, b in ((p3, p4), (foot, p2), (p2, p3)))
+    rim = np.concatenate((root, leg, wall, bevel), axis=1)
+    return cylindrical_to_j(np.broadcast_to(phi[:, None], rim.shape[:2]), rim[..., 0], rim[..., 1])
+
+
+def designed_areas(joint: JointDefinition, stations: GrooveStations) -> Array:
+    """Areas in the stations' planes as designed, shape (m,), m²: of the joint's own surfaces.
+
+    Where the outlines' points, followed round the joint, pass a plane is its section's outline.
+    """
+    found = []
+    for origin, tangent, across, up in zip(
+        stations.origin, stations.tangent, stations.across, stations.up, strict=True
+    ):
+        phi = np.arctan2(origin[1], origin[0]) + np.linspace(-0.3, 0.3, 401)
+        away = designed_rims(joint, phi, 50) - origin
+        beyond = away @ tangent
+        beyond *= np.sign(beyond[-1, 0] - beyond[0, 0])
+        outline = [
+            [np.interp(0.0, off, line @ axis) for axis in (across, up)]
+            for off, line in zip(beyond.T, away.swapaxes(0, 1), strict=True)
+        ]
+        found.append(shapely.Polygon(outline).area)
+    return np.array(found)
 
 
 def ring_solid(rings: Array) -> manifold3d.Manifold:
@@ -80,9 +109,10 @@ def drawn_edges(
     normals = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     areas = 0.5 * np.linalg.norm(normals, axis=1)
     area_sigma = sigma * np.linalg.norm(0.5 * diagonals[:, [0, 1, 0, 1]], axis=1)
-    return fit_edges_to_corners(
+    edges = fit_edges_to_corners(
         spoiled, np.full(p.shape[:2], np.sqrt(2) * sigma), area_sigma / areas, longest_step
     )
+    return bound_groove_by_leg(edges)
 
 
 def many_joints(joint: JointDefinition) -> Iterator[JointDefinition]:

@@ -22,10 +22,12 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final, Self
 
 import numpy as np
+from numba import njit
 
 from tjscan.core.devices import DriverFactory, LocalDevice, NoSettings
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
+from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.laser.drivers import LaserDriverFactory
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.drivers import VehicleDriverFactory
@@ -38,6 +40,9 @@ GAUGE, SPROCKET, PITCH, PADS = 0.4, 0.05, 0.7 / 24, 24
 
 WEIGHT, GRIP, MASS_HEIGHT, MASS_AHEAD = 981.0, 245.0, 0.15, 0.03
 """N of the vehicle, N by which a magnet presses its pad on, and metres of the centre of mass."""
+
+BALANCED: Final = 1e-7
+"""Forces that are left over, as a share of the weight."""
 
 COUNT: Final = 1.6e-6
 """Metres of chain for a count of an encoder."""
@@ -57,12 +62,26 @@ TACK: Final = (0.10, 0.03, 4e-3)
 LEVELS: Final = (5e-3, 10e-3, 15e-3)
 """Metres over the root to which each pass fills the groove."""
 
+EDGE_LENGTH, UNEVEN_EDGE, READING_NOISE = 5e-3, 15e-6, 15e-6
+"""Metres along the joint for which its edges are as uneven, by how much, and the noise of a
+reading, as these profiles are read."""
+
+NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
+
+CAPPED_LEVELS: Final = (13e-3, 15e-3, 17e-3)
+"""The same where the first pass covers an edge."""
+
 TEXTURE_CELL, PLATE_TEXTURE, BEAD_TEXTURE = 0.4e-3, 8e-6, 60e-6
 """Metres: cells of what is uneven in the steel, and standard deviations of it."""
 
 ACROSS: Final = np.union1d(
-    np.linspace(-HALF_WIDTH, HALF_WIDTH, 61), (-0.3, -HALF_ROOT, HALF_ROOT, 0.3)
+    np.linspace(-HALF_WIDTH, 19e-3, 69), (-0.3, HALF_WIDTH, -HALF_ROOT, HALF_ROOT, 0.3)
 )
+
+EDGE_BEAD: Final = np.where(
+    ACROSS < 8e-3, 2 * ACROSS - 15.4e-3, 2e-3 * (1 - ((ACROSS - 13e-3) / 6e-3) ** 2)
+)
+"""Heights over the hull of a bead over the right edge."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +106,14 @@ class Hull:
         Metres by which the joint goes aside within 100 mm, from 50 mm of the weld on.
     tack : tuple of float
         Middle, length and height of a tack, metres.
+    capped : bool
+        Whether the first pass fills most of the groove and covers its right edge.
     arc : float
         Share of a profile's points that the arc spoils.
     inertial : bool
         Whether the vehicle has a gyro and an inclinometer.
+    damped : float
+        Time constant of the inclinometer, seconds.
     """
 
     friction: float = 0.5
@@ -101,8 +124,10 @@ class Hull:
     curvature: float = 0.0
     kink: float = 0.0
     tack: tuple[float, float, float] = TACK
+    capped: bool = False
     arc: float = 0.1
     inertial: bool = True
+    damped: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -124,6 +149,56 @@ class Fault:
     kind: str = ""
     size: float = 0.0
     side: int = 0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def balance_pads(
+    friction: float, down: float, into_pitch: float, belt: float, speed: Array
+) -> float:
+    """Find the speed, shape (3,), at which friction and weight balance; returns what is left, N.
+
+    The chains run at `belt` and its negative.
+    """
+    sine, cosine = np.sin(down), np.cos(down)
+    load = np.array((WEIGHT * cosine, WEIGHT * sine, MASS_AHEAD * WEIGHT * sine))
+    x = np.empty(2 * PADS)
+    for k in range(2 * PADS):
+        x[k] = PITCH * (k % PADS + 0.5 - into_pitch) - PADS * PITCH / 2
+    # The weight's lever over the hull presses the lower pads on, and pulls at the upper ones.
+    tilt = MASS_HEIGHT * load[0] / (x * x).sum()
+    roll = MASS_HEIGHT * load[1] / (2 * PADS * (GAUGE / 2) ** 2)
+    left = np.inf
+    for _ in range(80):
+        force, stiffness, work = load.copy(), np.zeros((3, 3)), -(load * speed).sum()
+        for k in range(2 * PADS):
+            y, own = (-GAUGE / 2, belt) if k < PADS else (GAUGE / 2, -belt)
+            grip = friction * max(GRIP + tilt * x[k] + roll * y, 0.0)
+            along, across = speed[0] - speed[2] * y - own, speed[1] + speed[2] * x[k]
+            slid = np.sqrt(along * along + across * across)
+            ex, ey = along / slid, across / slid
+            force -= grip * np.array((ex, ey, x[k] * ey - y * ex))
+            # Friction changes with the slide's direction alone: across (ex, ey).
+            turned = np.array((-ey, ex, x[k] * ex + y * ey))
+            stiffness += grip / slid * np.outer(turned, turned)
+            work += grip * slid
+        left = np.abs(force).max()
+        if left < BALANCED * WEIGHT:
+            break
+        step = np.linalg.solve(stiffness, force)
+        share = 1.0
+        while share > 1e-9:
+            trial = speed + share * step
+            trial_work = -(load * trial).sum()
+            for k in range(2 * PADS):
+                y, own = (-GAUGE / 2, belt) if k < PADS else (GAUGE / 2, -belt)
+                grip = friction * max(GRIP + tilt * x[k] + roll * y, 0.0)
+                along, across = trial[0] - trial[2] * y - own, trial[1] + trial[2] * x[k]
+                trial_work += grip * np.sqrt(along * along + across * across)
+            if trial_work <= work + 1e-12 * WEIGHT:
+                break
+            share /= 2
+        speed += share * step
+    return left
 
 
 class PadTracks:
@@ -151,36 +226,12 @@ class PadTracks:
         mean, difference = (left + right) / 2, left - right
         if difference == 0.0:
             return np.array((mean, 0.0, 0.0))
-        x = np.tile(PITCH * (np.arange(PADS) + 0.5 - into_pitch) - PADS * PITCH / 2, 2)
-        y = np.repeat((-GAUGE / 2, GAUGE / 2), PADS)
-        weight = WEIGHT * np.array((cos(down), sin(down)))
-        # The weight's lever over the hull presses the lower pads on, and pulls at the upper ones.
-        lever = MASS_HEIGHT * weight / (x @ x, y @ y)
-        grip = self._friction * np.maximum(GRIP + lever[0] * x + lever[1] * y, 0.0)
-        load = np.array((*weight, MASS_AHEAD * weight[1]))
-        belt = np.repeat((0.5, -0.5), PADS) * (1.0 if difference > 0 else -1.0)
-        speed = self._last.get(difference > 0, np.array((0.0, 0.0, belt[0] / GAUGE)))
-        for _ in range(80):
-            along, across = speed[0] - speed[2] * y - belt, speed[1] + speed[2] * x
-            slid = np.hypot(along, across)
-            ex, ey = along / slid, across / slid
-            force = load - (grip @ ex, grip @ ey, grip @ (x * ey - y * ex))
-            if np.abs(force).max() < 1e-7 * WEIGHT:
-                break
-            # Friction changes with the slide's direction alone: across (ex, ey).
-            turned = np.array((-ey, ex, x * ex + y * ey))
-            step = np.linalg.solve((turned * (grip / slid)) @ turned.T, force)
-            work = grip @ slid - load @ speed
-            share = 1.0
-            while share > 1e-9:
-                trial = speed + share * step
-                s = np.hypot(trial[0] - trial[2] * y - belt, trial[1] + trial[2] * x)
-                if grip @ s - load @ trial <= work + 1e-12 * WEIGHT:
-                    break
-                share /= 2
-            speed = speed + share * step
-        else:
-            raise ArithmeticError(f"no balance of the pads: {force} N, N, Nm are left")
+        known = self._last.get(difference > 0)
+        belt = 0.5 if difference > 0 else -0.5
+        speed = np.array((0.0, 0.0, belt / GAUGE)) if known is None else known
+        left_over = balance_pads(self._friction, down, into_pitch, belt, speed)
+        if left_over > BALANCED * WEIGHT:
+            raise ArithmeticError(f"no balance of the pads: {left_over} N are left")
         self._last[difference > 0] = speed
         return np.asarray(np.array((mean, 0.0, 0.0)) + abs(difference) * speed)
 
@@ -195,9 +246,14 @@ class OtherWorld:
         First x, y in metres and heading in radians.
     seed : int
         Of all random numbers.
+    has_profiles : bool, optional
+        Whether its laser gives profiles; else who needs the joint takes `reading`.
     """
 
-    def __init__(self, hull: Hull, start: tuple[float, float, float], seed: int) -> None:
+    def __init__(
+        self, hull: Hull, start: tuple[float, float, float], seed: int, *, has_profiles: bool = True
+    ) -> None:
+        self.has_profiles = has_profiles
         self.hull, self.pose, self.time, self.seed = hull, np.array(start), 0.0, seed
         self.random = np.random.default_rng([seed, 77])
         self.fault = Fault()
@@ -275,14 +331,29 @@ class OtherWorld:
         if fault.kind == "turn":
             self.pose = self.pose + np.array((0.0, 0.0, fault.size))
 
-    def profile(self, beside: float = 0.0) -> Profile:
-        """What the laser sees now, or would if the joint ran so far beside, in metres."""
+    def joint_in_line(self) -> tuple[float, float]:
+        """Where the laser's line meets the joint: its x, and how far to the right it is, metres."""
         x, y, heading = self.pose
         px, py = x + LASER_AHEAD * cos(heading), y + LASER_AHEAD * sin(heading)
         to_joint = 0.0
         for _ in range(4):  # along the laser's line, which goes to (-sin, cos) of the heading
             along = px - to_joint * sin(heading)
             to_joint = (self.joint_y(along) - py) / cos(heading)
+        return along, to_joint
+
+    def reading(self) -> JointPlacement:
+        """Where the joint is in the laser's line, as well as it is read off a profile."""
+        along, to_joint = self.joint_in_line()
+        edges = np.random.default_rng([self.seed, 80, int(along // EDGE_LENGTH) % 2**32])
+        off = UNEVEN_EDGE * edges.standard_normal() + READING_NOISE * self.random.standard_normal()
+        return JointPlacement(
+            centre=to_joint + off, hull_z=STAND_OFF, roll=0.0, centre_sigma=READING_NOISE
+        )
+
+    def profile(self, beside: float = 0.0) -> Profile:
+        """What the laser sees now, or would if the joint ran so far beside, in metres."""
+        heading = self.pose[2]
+        along, to_joint = self.joint_in_line()
         slope = (self.joint_y(along + 1e-4) - self.joint_y(along - 1e-4)) / 2e-4
         nodes = ACROSS / cos(heading - slope) + to_joint + beside
         filled = self._heights(along)
@@ -311,9 +382,12 @@ class OtherWorld:
         steel = DEPTH * (np.clip(inside, 0.0, 1.0) - 1) + side * HIGH_LOW / 2
         at, length, height = self.hull.tack
         lift = min(height, length / 2 - abs(along - at))
-        for k, level in enumerate((lift, *LEVELS[: self._passes_at(along)])):
+        levels = CAPPED_LEVELS if self.hull.capped else LEVELS
+        for k, level in enumerate((lift, *levels[: self._passes_at(along)])):
             bead = level - DEPTH + (0.0 if k else 3.0) * (HALF_ROOT**2 - ACROSS**2)
             steel = np.where(np.abs(ACROSS) < HALF_WIDTH, np.maximum(steel, bead), steel)
+        if self.hull.capped and self._passes_at(along):
+            steel = np.maximum(steel, EDGE_BEAD)
         return np.asarray(steel)
 
     def _unevenness(self, along: float, across: Array) -> Array:
@@ -330,6 +404,7 @@ class OtherVehicle(LocalVehicle):
 
     def __init__(self, world: OtherWorld) -> None:
         self._world, self._heading = world, float(world.pose[2])
+        self._damped = self._heading
         self._random = np.random.default_rng([world.seed, 79])
         self._biases = self._random.standard_normal(2) * (GYRO_BIAS, DOWN_BIAS)
         self._counted, self._shown, self._number = np.zeros(2), np.zeros(2), 0
@@ -360,7 +435,9 @@ class OtherVehicle(LocalVehicle):
         """Turn rate by the gyro, and direction of down by the inclinometer."""
         world, before, self._heading = self._world, self._heading, float(self._world.pose[2])
         noise = GYRO_NOISE / sqrt(STATE_SECONDS), DOWN_NOISE
-        true = (self._heading - before) / STATE_SECONDS, world.hull.down - self._heading
+        follows = STATE_SECONDS / (world.hull.damped + STATE_SECONDS)
+        self._damped += follows * (self._heading - self._damped)
+        true = (self._heading - before) / STATE_SECONDS, world.hull.down - self._damped
         rate, down = (true + self._biases + noise * self._random.standard_normal(2)).tolist()
         match world.fault.kind:
             case "gyro dead":
@@ -400,6 +477,8 @@ class OtherLaser(LocalDevice):
     def capture(self) -> Profile:
         """Take a profile."""
         self.check_connected()
+        if not self._world.has_profiles:
+            return NO_PROFILE
         fault = self._world.fault
         if fault.kind == "frozen":
             last = self._seen[-1]

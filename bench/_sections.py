@@ -234,7 +234,7 @@ class Seen:
     incidence: Array
 
 
-def look_at(lines: list[Array], second_eye: Array | None = None) -> Seen:
+def look_at(lines: list[Array], second_eye: Array | None = None, columns: int = COLUMNS) -> Seen:
     """See lines from the emitter, where the detector sees them too.
 
     Parameters
@@ -242,8 +242,10 @@ def look_at(lines: list[Array], second_eye: Array | None = None) -> Seen:
     lines : list of ndarray, shape (m, 2)
     second_eye : ndarray, shape (2,), optional
         The detector in the plane of the section; without it nothing is hidden.
+    columns : int
+        Of the sensor.
     """
-    tangents = np.linspace(-EDGE, EDGE, COLUMNS)
+    tangents = np.linspace(-EDGE, EDGE, columns)
     eye = np.array((0.0, EMITTER_Z))
     depth = first_hits(lines, eye, tangents)
     points = np.column_stack((tangents * depth, EMITTER_Z + depth))

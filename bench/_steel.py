@@ -14,7 +14,17 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from _sections import Array, CylinderCut, Pose, Seen, Tubes, groove_angle, look_at, pose_before
+from _sections import (
+    COLUMNS,
+    Array,
+    CylinderCut,
+    Pose,
+    Seen,
+    Tubes,
+    groove_angle,
+    look_at,
+    pose_before,
+)
 from numpy.typing import NDArray
 
 MM: Final = 1e-3
@@ -537,13 +547,13 @@ class PosedProfile:
     points: Array
 
 
-def shoot(fault: Fault, k: int) -> PosedProfile:
-    """The k-th profile of a row: always the same one."""
+def shoot(fault: Fault, k: int, columns: int = COLUMNS) -> PosedProfile:
+    """The k-th profile of a row, of a sensor of so many columns: always the same one."""
     rng = np.random.default_rng((k, *fault.name.encode()))
     g = draw(rng, k, gap=fault.gap, rise=fault.rise)
     for change in fault.steel:
         change(g, rng)
-    seen = look_at(g.lines, g.pose.second_eye)
+    seen = look_at(g.lines, g.pose.second_eye, columns)
     points = noise(seen, seen.points, rng, 1e-6 * rng.choice((20, 30, 50)))
     for sense in fault.sensing:
         points = sense(g, seen, points, rng)

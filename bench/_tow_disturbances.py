@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from _other_cable import CableTruth, other_cable
 from _tows import EXAMPLES, seam_piece
 from numpy.random import Generator
 
@@ -122,13 +123,16 @@ class DisturbedTow:
 
 
 def tow_disturbed(
-    job: TowJob, disturb: Callable[[TowingWorld, SimulatedLocalisation], None]
+    job: TowJob,
+    disturb: Callable[[TowingWorld, SimulatedLocalisation], None],
+    truth: CableTruth | None = None,
 ) -> DisturbedTow:
-    """Tow in a world that is disturbed."""
+    """Tow in a world that is disturbed, on the plant of another make."""
     planner = make_shape_planner(job)
     sweep = check_seam(job, planner)
     sweep.refuse_if_blocked()
-    cell = make_tow_cell(job, sweep.start.angles)
+    with other_cable(truth):
+        cell = make_tow_cell(job, sweep.start.angles)
     world, seen = cell.world, cell.localisation
     assert world is not None
     assert isinstance(seen, SimulatedLocalisation)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from _other_cable import CableTruth, other_cable
 
 from tjscan.core.errors import TjscanError
 from tjscan.job.tow.job import read_tow_job
@@ -35,10 +36,13 @@ class Tow:
         Name of an example.
     keys : dict
         Of the job that differ.
+    truth : CableTruth
+        What cable is truly towed, on the plant of another make.
     """
 
     job: str
     keys: dict[str, Any] = field(default_factory=dict)
+    truth: CableTruth = field(default_factory=CableTruth)
 
 
 def seam_piece(job: str, share: float, length: float) -> dict[str, Any]:
@@ -62,10 +66,11 @@ def seam_piece(job: str, share: float, length: float) -> dict[str, Any]:
 
 
 def run_tow(tow: Tow, seed: int) -> TowOutcome:
-    """Tow once; what can't even begin is an outcome too."""
+    """Tow once on the plant of another make; what can't even begin is an outcome too."""
     try:
         keys = {**tow.keys, "simulation.seed": seed}
-        return tow_for_study(read_tow_job(EXAMPLES / f"{tow.job}.toml", keys))
+        with other_cable(tow.truth):
+            return tow_for_study(read_tow_job(EXAMPLES / f"{tow.job}.toml", keys))
     except TjscanError as error:
         return TowOutcome(False, type(error).__name__, str(error))
 

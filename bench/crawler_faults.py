@@ -7,8 +7,10 @@ the weld or 60 mm before it. The torch may not be over 1 mm beside the joint wit
 beyond 10 mm of travel after that, the vehicle has to be at rest in the end, and the stop to name
 the cause.
 
-``--quick`` takes two seeds and two passes of a shorter weld; ``--only WORD`` takes the rows and
-faults whose names hold the word; ``--seeds N`` as many seeds.
+Each row takes two seeds through whole profiles, and eight more by readings of the joint that are
+as noisy, in a third of the time. ``--quick`` takes one of either, and two faults of three;
+``--only WORD`` takes the rows and faults whose names hold the word; ``--seeds N`` as many seeds,
+``--first N`` from another one on, ``--profiles N`` of them through whole profiles.
 """
 
 from __future__ import annotations
@@ -33,10 +35,13 @@ from _table import Row, main
 
 from tjscan.core.config import validate_table
 from tjscan.core.errors import CrawlStopped, TjscanError
+from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
+from tjscan.crawler.torch_trace import LIKELY_SIGMAS, TorchTrace
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
+from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import CrawlContext, check_sizing, make_crawler
 
 EXAMPLE: Final = Path(__file__).parents[1] / "examples" / "crawl.toml"
@@ -49,7 +54,8 @@ HORIZON: Final = 0.150
 REST_SPEED, REST_STATES = 1e-4, 50
 """m/s that are rest, and states after a stop in which it is reached."""
 
-QUICK_SEEDS, FULL_SEEDS = 2, 10
+PROFILE_SEEDS, QUICK_SEEDS, FULL_SEEDS = 2, 2, 10
+"""Seeds with whole profiles, one fewer for ``--quick``, and all of them."""
 HULLS_OF_A_FAULT: Final = 3
 """Sound rows of each seed on which each kind of fault happens; one fewer for ``--quick``."""
 
@@ -62,17 +68,23 @@ class SoundRow:
     ----------
     hull : Hull
     limits : tuple of float
-        Rms of passes 1, 2, 3, mm.
+        Rms of the torch in each pass, mm.
     most : float, optional
         Largest offset, mm.
     radius : float, optional
         Of the joint as the job states it, metres; straight if left out.
+    may_stop : bool, optional
+        Whether a stop is as good as a weld.
+    needs_profiles : bool, optional
+        Whether what is rough shows in profiles alone.
     """
 
     hull: Hull
     limits: tuple[float, ...]
     most: float = MOST_OFF * 1e3
     radius: float | None = None
+    may_stop: bool = False
+    needs_profiles: bool = False
 
 
 def slipping(ratio: float, *, sign: float = 1.0) -> Hull:
@@ -88,22 +100,24 @@ def slipping(ratio: float, *, sign: float = 1.0) -> Hull:
 
 SOUND: Final[dict[str, SoundRow]] = {
     "dry, horizontal": SoundRow(Hull(), (0.20, 0.20, 0.20)),
-    "climb": SoundRow(Hull(down=pi), (0.25, 0.20, 0.20)),
-    "wet": SoundRow(Hull(friction=0.3), (0.25, 0.25, 0.25)),
-    "slip 10 %": SoundRow(slipping(0.1), (0.20, 0.20, 0.20)),
-    "slip 20 %, opposite": SoundRow(slipping(0.2, sign=-1.0), (0.30, 0.30, 0.30)),
-    "ripple 0.5 %": SoundRow(Hull(ripple=0.005), (0.25, 0.25, 0.25), 0.5),
-    "dry, encoders alone": SoundRow(Hull(inertial=False), (0.20, 0.20, 0.20)),
-    "wet, encoders alone": SoundRow(Hull(friction=0.3, inertial=False), (0.25, 0.25, 0.25)),
+    "climb": SoundRow(Hull(down=pi), (0.25, 0.20)),
+    "wet": SoundRow(Hull(friction=0.3), (0.25, 0.25)),
+    "slip 10 %": SoundRow(slipping(0.1), (0.20, 0.20)),
+    "slip 20 %, opposite": SoundRow(slipping(0.2, sign=-1.0), (0.30, 0.30)),
+    "ripple 0.5 %": SoundRow(Hull(ripple=0.005), (0.25, 0.25), 0.5),
+    "ripple 2 %": SoundRow(Hull(ripple=0.02), (0.4, 0.4), may_stop=True),
+    "inclinometer damped by 0.3 s": SoundRow(Hull(damped=0.3), (0.20, 0.20)),
+    "dry, encoders alone": SoundRow(Hull(inertial=False), (0.20, 0.20)),
+    "wet, encoders alone": SoundRow(Hull(friction=0.3, inertial=False), (0.25, 0.25)),
+    "radius 20 m": SoundRow(Hull(curvature=1 / 20), (0.3, 0.3), radius=20.0),
+    "kink 3 mm in 100 mm": SoundRow(Hull(kink=3e-3), (0.3, 0.3)),
+    "bead over one edge": SoundRow(Hull(capped=True), (0.3, 0.3), needs_profiles=True),
+    "filled by a tack for 40 mm": SoundRow(
+        Hull(tack=(0.2, 0.08, 0.02)), (0.3, 0.3), needs_profiles=True
+    ),
 }
-"""Hulls on which the vehicle has a gyro and an inclinometer, but for the last two."""
-
-ROUGH: Final[dict[str, SoundRow]] = {
-    "radius 20 m": SoundRow(Hull(curvature=1 / 20), (0.3, 0.3, 0.3), radius=20.0),
-    "kink 3 mm in 100 mm": SoundRow(Hull(kink=3e-3), (0.3, 0.3, 0.3)),
-    "filled by a tack for 40 mm": SoundRow(Hull(tack=(0.2, 0.08, 0.02)), (0.3, 0.3, 0.3)),
-}
-"""Rows of the whole bench, or if asked for by name: joints on which a crawl should go on."""
+"""The vehicle has a gyro and an inclinometer but where a row says otherwise. The last four are
+joints on which a crawl should go on."""
 
 KNOCK, WHEELS = ("knocked aside",), ("encoder", "slip")
 FAULTS: Final[dict[str, tuple[str, tuple[float, float], tuple[str, ...]]]] = {
@@ -144,6 +158,8 @@ class Found:
     worst : float
         Largest offset then, metres.
     weld_seconds : float
+    inside : list of bool
+        Whether the torch truly was within the 95 % that the log states, at each of its places.
     faults : list of (str, Found)
         Of the processes that forked off, by fault.
     """
@@ -157,6 +173,7 @@ class Found:
     arc_way: float = 0.0
     worst: float = 0.0
     weld_seconds: float = 0.0
+    inside: list[bool] = field(default_factory=list)
     faults: list[tuple[str, Found]] = field(default_factory=list)
 
     def rms(self, number: int) -> float:
@@ -177,6 +194,7 @@ class Observer:
         self._began: float | None = None
         self._travel = 0.0
         self._pipe: int | None = None
+        self._burning: list[tuple[float, float]] = []
         self.found = Found()
 
     @property
@@ -186,6 +204,11 @@ class Observer:
 
     def record(self, cycle: object) -> None:
         """See `tjscan.recording.journal.Journal`."""
+        if isinstance(cycle, TorchTrace) and not self.is_faulty:
+            places, offs = np.transpose(self._burning)
+            true = np.interp(cycle.travel, places, offs)
+            self.found.inside += (np.abs(cycle.off - true) < LIKELY_SIGMAS * cycle.sigma).tolist()
+            self._burning = []
         if not isinstance(cycle, CrawlCycle):
             return
         welds = cycle.phase is Phase.WELDING
@@ -206,6 +229,7 @@ class Observer:
                 raise HorizonReached
         elif cycle.arc:
             self.found.weld_seconds += 0.02
+            self._burning.append((cycle.travel, off))
             self.found.off.setdefault(cycle.number, []).append(off)
             self.found.estimated.setdefault(cycle.number, []).append(cycle.torch.offset - zero)
             self.found.sigma.setdefault(cycle.number, []).append(cycle.torch.sigma)
@@ -231,7 +255,18 @@ class Observer:
         os._exit(0)
 
 
-def job_of(row: SoundRow, passes: int, length: float) -> CrawlJob:
+class ReadingsOfWorld:
+    """A `JointReader` of a world without profiles."""
+
+    def __init__(self, world: OtherWorld) -> None:
+        self._world = world
+
+    def read(self, profile: Profile, travel: float) -> JointPlacement:
+        """Read the joint; see `JointReader.read`."""
+        return self._world.reading()
+
+
+def job_of(row: SoundRow) -> CrawlJob:
     """The shipped job with the other maker's devices and stringer beads."""
     tables: dict[str, Any] = tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
     del tables["simulation"]
@@ -239,18 +274,19 @@ def job_of(row: SoundRow, passes: int, length: float) -> CrawlJob:
         tables[device] = {**tables.get(device, {}), "driver": NAME}
     if row.radius is not None:
         tables["course"] = {"radius_m": row.radius}
-    tables["weld"]["length_m"] = length
-    tables["pass"] = [{"speed_mm_s": 8.0, "height_mm": h} for h in (-18, -12, -6)[:passes]]
+    tables["weld"]["length_m"] = 0.2
+    heights = (-18, -12, -6)[: len(row.limits)]
+    tables["pass"] = [{"speed_mm_s": 8.0, "height_mm": height} for height in heights]
     return validate_table(CrawlJob, tables)
 
 
-def crawl(name: str, seed: int, faults: tuple[str, ...], *, quick: bool) -> Found:
+def crawl(name: str, seed: int, faults: tuple[str, ...], *, has_profiles: bool = True) -> Found:
     """Crawl a sound row, with processes for faults."""
     rng = np.random.default_rng([seed, *name.encode()])
-    row = {**SOUND, **ROUGH}[name]
-    job = job_of(row, 2 if quick else 3, 0.2 if quick else 0.3)
+    row = SOUND[name]
+    job = job_of(row)
     start = -job.weld.run_up, rng.uniform(-5e-3, 5e-3), rng.uniform(-15e-3, 15e-3)
-    world = OtherWorld(row.hull, start, seed)
+    world = OtherWorld(row.hull, start, seed, has_profiles=has_profiles)
     world.pose += (0.0, world.joint_y(start[0]), start[0] * row.hull.curvature)
     broken = []
     for fault in faults:
@@ -266,7 +302,8 @@ def crawl(name: str, seed: int, faults: tuple[str, ...], *, quick: bool) -> Foun
     check_sizing(job)
     with cell:
         try:
-            make_crawler(context, cell, context.make_method(), observer).run()
+            reader = None if has_profiles else ReadingsOfWorld(world)
+            make_crawler(context, cell, context.make_method(), observer, reader).run()
         except HorizonReached:
             pass
         except TjscanError as error:
@@ -288,13 +325,15 @@ def crawl(name: str, seed: int, faults: tuple[str, ...], *, quick: bool) -> Foun
 SIGNED: Final = ("knock", "turn", "neighbour", "gyro biased", "level off")
 INERTIAL_FAULTS: Final = ("gyro dead", "gyro biased", "inclinometer off")
 LASER_FAULTS: Final = ("frozen", "late", "mirrored")
+PICTURE_FAULTS: Final = (
+    "laser frozen with noise", "laser late", "laser mirrored", "neighbour's joint"
+)  # fmt: skip
 
 
-def measure(*, quick: bool, seeds: int, only: str) -> Iterator[Row]:
+def measure(*, quick: bool, seeds: int, first: int, profile_seeds: int, only: str) -> Iterator[Row]:
     """Every row."""
     faults = tuple(name for name in FAULTS if only in name)
-    rows_asked = SOUND if quick and not only else {**SOUND, **ROUGH}
-    names = [name for name in rows_asked if only in name or (faults and name in SOUND)]
+    names = [name for name in SOUND if faults or only in name]
     hulls = HULLS_OF_A_FAULT - quick
     asked = [
         (
@@ -304,14 +343,16 @@ def measure(*, quick: bool, seeds: int, only: str) -> Iterator[Row]:
                 fault
                 for i, fault in enumerate(faults)
                 if (i + seed - k) % len(names) < hulls
-                and ({**SOUND, **ROUGH}[name].hull.inertial or fault not in INERTIAL_FAULTS)
+                and (SOUND[name].hull.inertial or fault not in INERTIAL_FAULTS)
+                and not (fault in PICTURE_FAULTS and seed >= first + profile_seeds)
             ),
+            seed < first + profile_seeds or SOUND[name].needs_profiles,
         )
-        for seed in range(1, seeds + 1)
+        for seed in range(first, first + seeds)
         for k, name in enumerate(names)
     ]
     with ProcessPoolExecutor(2) as pool:
-        found = list(pool.map(partial(_crawl, quick=quick), asked))
+        found = list(pool.map(_crawl, asked))
     rows: dict[str, list[Found]] = {}
     broken: dict[str, list[Found]] = {name: [] for name in faults}
     for (name, *_), one in zip(asked, found, strict=True):
@@ -319,7 +360,7 @@ def measure(*, quick: bool, seeds: int, only: str) -> Iterator[Row]:
         for fault, came in one.faults:
             broken[fault].append(came)
     for name, every in rows.items():
-        yield from _sound_rows(name, every, passes=2 if quick else 3)
+        yield from _sound_rows(name, every)
     for fault, every in broken.items():
         yield from _fault_rows(fault, every)
     every = [one for some in broken.values() for one in some]
@@ -327,24 +368,34 @@ def measure(*, quick: bool, seeds: int, only: str) -> Iterator[Row]:
         beside = sum(one.arc_way > 0 for one in every)
         yield Row(f"{len(every)} faults: torch over 1 mm beside the joint, arc on", beside, 0)
         yield Row(f"{len(every)} faults: not at rest in the end", _count_moving(every), 0)
-    stops = [one for one in found if one.stopped]
+    inside = [is_inside for one in found for is_inside in one.inside]
+    name = "torch within the 95 % that the log states, sound rows"
+    yield Row(name, 100 * float(np.mean(inside or nan)), 98, "%", at_least=92)
+    stops = [
+        one
+        for (name, *_), one in zip(asked, found, strict=True)
+        if one.stopped and not SOUND[name].may_stop
+    ]
     hours = sum(one.weld_seconds for one in found) / 3600
     for cause, count in Counter(one.stopped for one in stops).items():
         print(f"    false stop, {count} x: {cause}", file=sys.stderr)
     yield Row(f"false stops in {60 * hours:.0f} min of arc, sound rows", float(len(stops)), 0)
 
 
-def _crawl(key: tuple[str, int, tuple[str, ...]], *, quick: bool) -> Found:
-    return crawl(*key, quick=quick)
+def _crawl(key: tuple[str, int, tuple[str, ...], bool]) -> Found:
+    return crawl(*key[:3], has_profiles=key[3])
 
 
-def _sound_rows(name: str, every: Sequence[Found], *, passes: int) -> Iterator[Row]:
-    row = {**SOUND, **ROUGH}[name]
-    for number, limit in enumerate(row.limits[:passes], start=1):
-        yield Row(
-            f"{name}: torch rms, pass {number}, median", median(o.rms(number) for o in every),
-            limit, "mm",
-        )  # fmt: skip
+def _sound_rows(name: str, every: Sequence[Found]) -> Iterator[Row]:
+    row = SOUND[name]
+    if row.may_stop:
+        every = [one for one in every if not one.stopped]
+        if not every:
+            return
+    for number, limit in enumerate(row.limits, start=1):
+        found = [one.rms(number) for one in every]
+        name_of_row = f"{name}: torch rms, pass {number}, median (worst {max(found):.2f})"
+        yield Row(name_of_row, median(found), limit, "mm")
     off = [abs(x) for one in every for some in one.off.values() for x in some]
     yield Row(f"{name}: torch, largest", 1e3 * max(off, default=nan), row.most, "mm")
     error = np.array([x for one in every for some in one.estimated.values() for x in some])
@@ -385,5 +436,12 @@ if __name__ == "__main__":
     words = [word for word in sys.argv[1:] if word != "--quick"]
     quick = len(words) < len(sys.argv) - 1
     seeds = int(_option(words, "--seeds", str(QUICK_SEEDS if quick else FULL_SEEDS)))
-    asked = partial(measure, quick=quick, seeds=seeds, only=_option(words, "--only", ""))
+    asked = partial(
+        measure,
+        quick=quick,
+        seeds=seeds,
+        first=int(_option(words, "--first", "1")),
+        profile_seeds=int(_option(words, "--profiles", str(PROFILE_SEEDS - quick))),
+        only=_option(words, "--only", ""),
+    )
     sys.exit(main("Crawler with faults", asked, words))

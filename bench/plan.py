@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from io import StringIO
 from itertools import cycle, islice
 from pathlib import Path
@@ -27,10 +27,12 @@ import shapely
 from _designed_grooves import (
     designed_areas,
     designed_corners,
+    designed_rims,
     drawn_edges,
     many_joints,
     ring_solid,
 )
+from _second_reader import count_outside, samples_of_program, samples_of_table
 from _stopwatch import Stopwatch
 from _table import Row, main
 from _weld_programs import find_reaches, follow_program
@@ -38,11 +40,14 @@ from _weld_programs import find_reaches, follow_program
 from tjscan.cli import main as tjscan
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.core.provenance import Provenance
 from tjscan.joint.file import read_joint
+from tjscan.planning.document import beads_to_csv
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import chord_error_and_kink, cut_groove_stations, map_template_onto
 from tjscan.planning.plan import WeldPlan, plan_weld
+from tjscan.planning.urscript import path_to_urscript
 from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.shapes import sort_sections_by_azimuth
 from tjscan.result.table import read_sections_csv
@@ -66,13 +71,24 @@ def whole_way(step: float = STEP) -> Array:
     return np.linspace(0, 2 * np.pi, round(whole / step), endpoint=False)
 
 
+@cache
+def designed_areas_round() -> tuple[Array, Array]:
+    """Azimuths of sections all round the joint, and their areas as designed, square to the groove.
+
+    Square to the groove through sections without errors: random errors turn a plane by a
+    milliradian, and an area changes by the square of that.
+    """
+    edges = drawn_edges(JOINT, whole_way(), 1e-9, 0)
+    stations = cut_groove_stations(edges, np.linspace(0, edges.length, 361)[:-1])
+    p3 = edges.corners(stations.s)[:, 0]
+    return np.arctan2(p3[:, 1], p3[:, 0]), designed_areas(JOINT, stations)
+
+
 def area_errors(edges: GrooveEdges, s: Array) -> Array:
     """Of the planned section against the designed one, as shares of it."""
     p3 = edges.corners(s)[:, 0]
-    phi = np.arctan2(p3[:, 1], p3[:, 0])
-    return (
-        map_template_onto(cut_groove_stations(edges, s), 0.0).area / designed_areas(JOINT, phi) - 1
-    )
+    designed = np.interp(np.arctan2(p3[:, 1], p3[:, 0]), *designed_areas_round(), period=2 * np.pi)
+    return map_template_onto(cut_groove_stations(edges, s), 0.0).area / designed - 1
 
 
 def many_area_errors(edges: GrooveEdges) -> Array:
@@ -118,6 +134,39 @@ def share_inside(plan: WeldPlan) -> float:
     return 100 * float(np.concatenate(inside).mean())
 
 
+TIGHTENED: Final = (
+    ("heat_input_kJ_mm = [0.5, 2.0]", "heat_input_kJ_mm = [0.5, 1.3]"),
+    ("travel_speed_mm_min = [240.0, 420.0]", "travel_speed_mm_min = [240.0, 340.0]"),
+    ('"PC", "PF", "PG"]', '"PC", "PF"]'),
+    ("crater_feed = 0.8", "crater_feed = 0.4"),
+    ("weave_limit_mm = 14.0", "weave_limit_mm = 9.0"),
+    (
+        """name = "PG"
+wire_feed_m_min = [6.0, 10.0]""",
+        """name = "PG"
+wire_feed_m_min = [6.0, 7.0]""",
+    ),
+)
+"""Windows of the example and tighter ones, that a plan is partly outside of."""
+
+
+def samples_outside() -> tuple[int, int]:
+    """Samples of plans outside a window of their WPS, by a second reader, and those not named."""
+    text = (ROOT / "examples" / "wps.toml").read_text(encoding="utf-8")
+    found = []
+    for before, after in (("", ""), *TIGHTENED):
+        if before not in text:
+            raise RuntimeError(f"the example has no {before}")
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "wps.toml"
+            changed = text.replace(before, after, 1) if before else text
+            file.write_text(changed, encoding="utf-8")
+            plan = plan_weld(drawn_edges(JOINT, whole_way(), SIGMA, 0), read_wps(file), DOWN)
+        table = beads_to_csv(plan, Provenance.for_file_written_now("bench", "j", "mm"))
+        found.append(count_outside(samples_of_table(changed, table), plan.findings))
+    return sum(one[0] for one in found), sum(one[1] for one in found)
+
+
 def overlaps_and_gaps(plan: WeldPlan) -> float:
     """What beads cover twice or leave of a section, the largest share of it; by shapely."""
     s = np.linspace(0, plan.edges.length, 50)
@@ -138,13 +187,14 @@ def without_cap_and_overlap() -> WeldingProcedure:
         update={
             "bead": replace(WPS.bead, cap_height=0.0),
             "sequence": replace(WPS.sequence, overlap=0.0),
+            "start_stop": None,
         }
     )
 
 
 def volumes(edges: GrooveEdges) -> tuple[float, float]:
     """Of the whole groove: planned against designed, and what solids of beads miss or exceed."""
-    designed = ring_solid(designed_corners(JOINT, np.linspace(0, 2 * np.pi, 720, endpoint=False)))
+    designed = ring_solid(designed_rims(JOINT, np.linspace(0, 2 * np.pi, 720, endpoint=False), 10))
     plan = plan_weld(edges, without_cap_and_overlap(), DOWN)
     s = np.linspace(0, edges.length, 720, endpoint=False)
     stations, cells = ArrangedGroove(edges, plan.zones[0].arrangement, plan.wps).cut(s)
@@ -160,7 +210,8 @@ def slowest_plan() -> WeldPlan:
     """The plan that takes longest of those the WPS allows: with the lowest wire feed that fits."""
     low, high = WPS.arc.wire_feed
     for feed in np.linspace(low, high, 81)[:-1]:
-        one = WPS.model_copy(update={"arc": replace(WPS.arc, wire_feed=(feed, feed + 1e-6))})
+        arc = replace(WPS.arc, wire_feed=(feed, feed + 1e-6))
+        one = WPS.model_copy(update={"arc": arc, "position": (), "start_stop": None})
         with suppress(ConfigurationError):
             plan = plan_weld(drawn_edges(JOINT, whole_way(), SIGMA, 0), one, DOWN)
             if len(plan.zones) == 1 and all(f.key == "sequence.positions" for f in plan.findings):
@@ -197,6 +248,11 @@ def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
     ]
     reached = {bead.station for bead in plan.beads}
     way = reaches[0].lead_torch(plan)
+    text = (ROOT / "examples" / "wps.toml").read_text(encoding="utf-8")
+    written = samples_of_program(
+        text, path_to_urscript(way, WPS.model_copy(update={"weave": None}), 0, arc=True)
+    )
+    _, unnamed = count_outside(written, plan.findings)
     ways = [replace(way, beads=way.beads[:1])] if quick else [way]
     followed = [follow_program(reaches[0], one, WPS) for one in ways]
     return [
@@ -206,6 +262,7 @@ def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
         Row(
             "program: beads with the arc on", sum(one.beads for one in followed), 13, "", at_least=1
         ),
+        Row("program without weaves: steps at a speed outside the WPS, not named", unnamed, 0, ""),
         Row("program: off the path", 1e3 * max(one.off_path for one in followed), 0.2, "mm"),
         Row("program: off the speed", 100 * max(one.off_speed for one in followed), 2, "%"),
         Row(
@@ -220,6 +277,7 @@ def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
 def rows(*, quick: bool) -> list[Row]:
     """Measure."""
     drawn = [drawn_edges(JOINT, whole_way(), SIGMA, seed) for seed in range(SEEDS)]
+    exact = many_area_errors(drawn_edges(JOINT, whole_way(), 1e-9, 0))
     errors = np.array([many_area_errors(edges) for edges in drawn])
     watch = Stopwatch()
     for seed in range(SEEDS):
@@ -231,9 +289,13 @@ def rows(*, quick: bool) -> list[Row]:
     saved = 1 - plan.arc_time / slowest_plan().arc_time
     beads = [bead.points[:, None] for bead in plan.beads]
     kink = max(chord_error_and_kink(p, 0.5 * (p[1:] + p[:-1]))[1] for p in beads)
+    outside, unnamed = samples_outside()
     grooves = 30 if quick else GROOVES
     done, answered = many_grooves(grooves)
     found = [
+        Row(
+            "area, sections without errors, all round: largest", 100 * float(exact.max()), 0.3, "%"
+        ),
         Row(f"area, drawn sections, {SEEDS} seeds: mean", 100 * float(errors.mean()), 1, "%"),
         Row(f"area, drawn sections, {SEEDS} seeds: largest", 100 * float(errors.max()), 3, "%"),
         Row(f"stated sigma of the area, NEES, {NEES_SEEDS} seeds", at, 1.5, "", at_least=0.7),
@@ -241,6 +303,14 @@ def rows(*, quick: bool) -> list[Row]:
         Row("volume of the whole groove against a solid", 100 * volume, 0.5, "%"),
         Row("solids of the beads: missing and beyond", 100 * wrong, 1, "%"),
         Row("beads overlap or leave gaps in a section", 100 * overlaps_and_gaps(plan), 0.1, "%"),
+        Row(
+            "samples outside a tightened WPS, found by a second reader",
+            outside,
+            1e9,
+            "",
+            at_least=1,
+        ),
+        Row("of these not named", unnamed, 0, ""),
         Row("samples inside speed, heat and area", share_inside(plan), 100, "%", at_least=100),
         Row("beads", len(plan.beads), 17, "", at_least=13),
         Row("kink between two chords", float(np.degrees(kink)), 2, "°"),

@@ -9,14 +9,14 @@ groove half as large and of one that is steeper.
 Every row of a groove has these bars: the share that is read; the share with a corner off by more
 than 1 mm that is stated to better than 0.4 mm; the share of corners that are given to better
 than 0.4 mm, of those that are there; and the mean squared error over stated variance.
-``--quick`` draws fewer profiles a row; ``--first N`` draws them from number N on.
+``--quick`` draws fewer profiles a row; ``--first N`` draws them from number N on; ``--times`` takes
+the times alone.
 """
 
 from __future__ import annotations
 
 import math
 import os
-import statistics
 import sys
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -24,9 +24,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from time import thread_time
 from typing import Final
 
 import numpy as np
+from _earlier_reader import EARLIER_COMMIT, EARLIER_MEDIAN, EarlierReader
 from _known_flanks import known_flanks
 from _second_caster import SECOND_FILLED, SECOND_GROOVES, SecondFault, WedgeProfile
 from _sections import EMITTER_Z, Array, look_at
@@ -44,7 +46,6 @@ from _steel import (
     noise,
     shoot,
 )
-from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
@@ -61,6 +62,8 @@ WRONG, SURE = 1 * MM, 0.4 * MM
 CORNERS: Final = ("p2", "p3", "p4")
 REAL: Final = Path("shared") / "data" / "v-groove-real"
 """Beside the checkout."""
+
+MANY_COLUMNS: Final = 2048
 
 LEAST_READ: Final = {
     "spatter": 95.0,
@@ -426,18 +429,60 @@ def _butt_corners(profile: Profile) -> Array | None:
 # --- time
 
 
-def time_rows(count: int) -> list[Row]:
-    """Times of one reading."""
-    faults = [f for f in GROOVES if f.name in ("sound", "ghosts before and behind", "mill scale")]
-    watch = Stopwatch()
-    for k in range(count):
-        profile = profile_of(shoot(faults[k % len(faults)], k).points)
-        with watch, suppress(GrooveNotFound):
-            read_groove(profile)
-    return [
-        watch.row("time per profile, median", statistics.median, 2),
-        watch.row("time per profile, 99 %", lambda seconds: float(np.percentile(seconds, 99)), 8),
+def time_rows(count: int, first: int) -> list[Row]:
+    """Times of one reading: of all rows in turns, and of sound grooves with many columns."""
+    every = (*GROOVES, *FILLED, *NO_GROOVE)
+    usual = [shoot(every[k % len(every)], first + k).points for k in range(count)]
+    wide = [shoot(GROOVES[0], first + k, MANY_COLUMNS).points for k in range(count // 5)]
+    try:
+        with EarlierReader() as earlier:
+            taken = [_interleaved_times(rows, earlier) for rows in (usual, wide)]
+    except FileNotFoundError as missing:
+        print(f"time: skipped, {missing}", file=sys.stderr)
+        return []
+    (own, other), (own_wide, other_wide) = taken
+    slowdown = float(np.median(other)) / EARLIER_MEDIAN
+    rows = [
+        Row("time per profile, median", 1e3 * float(np.median(own)), 0.8, "ms", slowdown=slowdown),
+        Row(
+            "time per profile, 99 %",
+            1e3 * float(np.percentile(own, 99)),
+            3,
+            "ms",
+            slowdown=slowdown,
+        ),
+        Row(
+            f"time per profile of {MANY_COLUMNS} columns, median",
+            1e3 * float(np.median(own_wide)),
+            1.5,
+            "ms",
+            slowdown=slowdown,
+        ),
     ]
+    for name, statistic, least in (("median", 50, 5), ("99 %", 99, 25)):
+        faster = float(np.percentile(other, statistic) / np.percentile(own, statistic))
+        rows.append(_faster_row(name, faster, least))
+    faster = float(np.median(other_wide) / np.median(own_wide))
+    return [*rows, _faster_row(f"{MANY_COLUMNS} columns", faster, 7)]
+
+
+def _faster_row(name: str, faster: float, least: float) -> Row:
+    name = f"time per profile, {name}: that of {EARLIER_COMMIT} over it"
+    return Row(name, faster, math.inf, at_least=least)
+
+
+def _interleaved_times(rows: Sequence[Array], earlier: EarlierReader) -> tuple[Array, Array]:
+    """Seconds of each reading, and of the earlier reader's, taken in turns."""
+    taken = np.empty((2, len(rows)))
+    read(rows[0])
+    for k, points in enumerate(rows):
+        taken[1, k] = earlier.seconds(points)
+        profile = profile_of(points)
+        start = thread_time()
+        with suppress(GrooveNotFound):
+            read_groove(profile)
+        taken[0, k] = thread_time() - start
+    return taken[0], taken[1]
 
 
 def measure(count: int, first: int) -> list[Row]:
@@ -460,15 +505,18 @@ def measure(count: int, first: int) -> list[Row]:
         for fault, found in known:
             rows += rows_with_flanks(fault, list(found))
         rows += bound_rows(list(bounds))
-    return rows + real_rows(min(count, 40)) + time_rows(min(count, 300))
+    return rows + real_rows(min(count, 40)) + time_rows(3 * count, first)
 
 
 if __name__ == "__main__":
-    words = [word for word in sys.argv[1:] if word != "--quick"]
+    words = [word for word in sys.argv[1:] if word not in ("--quick", "--times")]
     start = 0
     if "--first" in words:
         at = words.index("--first")
         start = int(words[at + 1])
         words = words[:at] + words[at + 2 :]
     profiles = FEW if "--quick" in sys.argv else MANY
-    sys.exit(main("grooves on real steel", partial(measure, profiles, start), words))
+    measured = (
+        partial(time_rows, 3 * profiles) if "--times" in sys.argv else partial(measure, profiles)
+    )
+    sys.exit(main("grooves on real steel", partial(measured, start), words))

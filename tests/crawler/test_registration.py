@@ -13,7 +13,7 @@ from tjscan.crawler.joint_tracking.registration import (
     ReferenceProfile,
     register_profile,
 )
-from tjscan.joint.hull import HullJoint, hull_section
+from tjscan.joint.hull import HullJoint, WeldBead, hull_section
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, cast_rays_on_section
 
@@ -190,6 +190,21 @@ def test_joint_whose_edges_were_welded_over_since_is_refused() -> None:
     against, rng = reference(joint=joint, passes=4), np.random.default_rng(1)
     for _ in range(50):
         assert register(see(joint, rng, ARC_20), against, true_placement()) is None
+
+
+def test_joint_with_a_bead_over_one_edge_is_where_the_other_edge_shows() -> None:
+    beads = WeldBead(level=14e-3), WeldBead(level=20e-3, crown=5e-3, left=-0.1, right=1.4)
+    joint, rng = HullJoint(beads=beads), np.random.default_rng(1)
+    against, errors, sigmas = reference(joint=joint, passes=1), [], []
+    for _ in range(40):
+        offset = rng.uniform(-0.2e-3, 0.2e-3)
+        profile = see(joint, rng, ARC_20, SectionLaserPose(offset=offset), passes=2)
+        if (found := register(profile, against, true_placement())) is not None:
+            errors.append(found.centre + offset)
+            sigmas.append(found.centre_sigma)
+    assert len(errors) > 30
+    assert np.abs(errors).max() < 5 * np.mean(sigmas)
+    assert abs(np.mean(errors)) < np.mean(sigmas)
 
 
 def test_error_that_placements_share_does_not_average_out() -> None:

@@ -238,6 +238,7 @@ def test_an_inclinometer_that_lags_misleads_no_quantity_of_turns(lag: int) -> No
     truths = {SlipStateIndex.YAW_EFFICIENCY: 0.6, SlipStateIndex.FIXED_CENTRE: 0.0}
     for which, truth in truths.items():
         assert abs(known.x[which] - truth) < 3 * known.sigma(which)
+    assert known.x[SlipStateIndex.INCLINOMETER_LAG] == pytest.approx(0.02 * lag, abs=0.05)
 
 
 def test_neither_down_nor_the_bias_of_the_gyro_is_known_for_good() -> None:

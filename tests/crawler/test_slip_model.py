@@ -40,6 +40,7 @@ states = st.tuples(
     *5 * [st.floats(-0.01, 0.01)],
     st.floats(-0.01, 0.01),
     st.floats(-3.0, 3.0),
+    st.floats(0.0, 0.3),
     st.floats(-0.01, 0.01),
     st.floats(-0.02, 0.02),
 ).map(np.array)
@@ -51,7 +52,7 @@ odometries = st.builds(
     st.floats(-0.5, 0.5),
     turn_rate_parts=st.tuples(*5 * [st.floats(-0.05, 0.05)]),
 )
-MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, 1, 1, *5 * [-1], 1, *4 * [-1]])
+MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, 1, 1, *5 * [-1], 1, -1, -1, 1, -1, -1])
 """A mirror image of vehicle, joint and slip: what is to the right comes to the left."""
 
 

@@ -27,6 +27,8 @@ def test_between_rows_all_is_linear_and_beyond_them_it_stays() -> None:
     np.testing.assert_allclose(here.offset, (-1e-3, -1e-3, 0, 1e-3), atol=1e-12)
     np.testing.assert_allclose(here.weave, (0, 0, 1e-3, 2e-3), atol=1e-12)
     np.testing.assert_allclose(here.feed, (0.15, 0.15, 0.16, 0.17))
+    alone = PassSettings(segments=rows).table.at(np.array(0.15))
+    assert float(alone.speed) == pytest.approx(5e-3)
 
 
 def test_rows_that_contradict_are_refused() -> None:

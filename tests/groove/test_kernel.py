@@ -111,3 +111,9 @@ def test_the_compiled_loops_can_be_switched_off(monkeypatch: pytest.MonkeyPatch)
     assert kernel.load_kernel() is None
     monkeypatch.setenv(kernel.WITHOUT_KERNEL, "")
     assert kernel.load_kernel() is kernel.compiled
+
+
+def test_compiled_loops_of_another_version_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert kernel.compiled is not None
+    monkeypatch.setattr(kernel.compiled, "KERNEL_VERSION", kernel.KERNEL_VERSION - 1)
+    assert kernel.load_kernel() is None

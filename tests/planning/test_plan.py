@@ -13,7 +13,12 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.path import LARGEST_CHORD_ERROR, LARGEST_KINK, chord_error_and_kink
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.wps import WeldingProcedure, read_wps
+from tjscan.planning.wps import (
+    PositionLimits,
+    StartStopSettings,
+    WeldingProcedure,
+    read_wps,
+)
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
 DOWN = np.array((0.0, 0.0, -1.0))
@@ -22,7 +27,7 @@ SECTION = sheared_groove(root=6e-3, depth=22e-3, opening=0.95, slope=0.1, tilt=0
 
 def wps(**tables: dict[str, object]) -> WeldingProcedure:
     """The example's, with values of its tables replaced, in SI units."""
-    found = read_wps(EXAMPLE)
+    found = read_wps(EXAMPLE).model_copy(update={"start_stop": None})
     return found.model_copy(
         update={name: replace(getattr(found, name), **keys) for name, keys in tables.items()}
     )
@@ -254,3 +259,50 @@ def test_a_plate_s_half_v_is_planned_by_its_closed_form() -> None:
         np.testing.assert_allclose(bead.speed, rate / (area / n), rtol=1e-6)
     assert found.volume == pytest.approx(area * 0.4, rel=1e-6)
     assert not found.edges.closed
+
+
+def test_beyond_the_limit_of_slope_a_bead_climbs_or_falls() -> None:
+    """A ring whose axis leans by 24° goes up by as much at one side, and down at the other."""
+    lean, limit = np.radians(24.0), np.radians(15.0)
+    down = np.array((0.0, -np.sin(lean), -np.cos(lean)))
+    plan = plan_weld(edges_of(ring()), wps(sequence={"slope_limit": limit}), down)
+    for bead in plan.beads:
+        assert np.degrees(np.abs(bead.slope).max()) == pytest.approx(24.0, abs=1.0)
+        names = np.array(bead.positions)
+        np.testing.assert_array_equal(names == "PF", bead.slope > limit)
+        np.testing.assert_array_equal(names == "PG", bead.slope < -limit)
+    flat = plan_weld(edges_of(ring()), wps(sequence={"slope_limit": lean + 0.02}), down)
+    assert {"PF", "PG"}.isdisjoint({name for bead in flat.beads for name in bead.positions})
+
+
+def test_where_a_position_asks_for_less_wire_the_bead_goes_slower_and_lays_as_much() -> None:
+    lean = np.radians(24.0)
+    down = np.array((0.0, -np.sin(lean), -np.cos(lean)))
+    procedure = wps(sequence={"slope_limit": np.radians(15.0)})
+    less = PositionLimits(name="PF", wire_feed=(0.1, 0.14))
+    full = plan_weld(edges_of(ring()), procedure, down)
+    slower = plan_weld(edges_of(ring()), procedure.model_copy(update={"position": (less,)}), down)
+    for one, other in zip(full.beads, slower.beads, strict=True):
+        up = np.array(other.positions) == "PF"
+        np.testing.assert_allclose(other.feed, np.where(up, 0.14, one.feed))
+        np.testing.assert_allclose(other.area, one.area)
+        np.testing.assert_allclose(other.speed, one.speed * other.feed / one.feed)
+    keys = {finding.key for finding in slower.findings}
+    assert "arc.travel_speed_mm_min" in keys or min(b.speed.min() for b in slower.beads) >= 4e-3
+
+
+def test_every_bead_runs_in_and_ends_in_a_crater_as_the_wps_says() -> None:
+    ends = StartStopSettings(
+        run_in=8e-3, run_in_speed=1.25, crater=5e-3, crater_feed=0.7, crater_time=0.5
+    )
+    plain = wps(sequence={"reverse": True})
+    plan = plan_weld(edges_of(ring()), plain.model_copy(update={"start_stop": ends}), DOWN)
+    for one, bead in zip(plan_weld(edges_of(ring()), plain, DOWN).beads, plan.beads, strict=True):
+        along = np.append(0.0, np.cumsum(bead.path_steps))
+        inner = (along > 8.5e-3) & (along < along[-1] - 5.5e-3)
+        own = np.interp(bead.s, one.s[::-1], one.speed[::-1])
+        assert bead.speed[0] == pytest.approx(1.25 * own[0])
+        assert bead.feed[-1] == pytest.approx(0.7 * one.feed[-1])
+        np.testing.assert_allclose(bead.speed[inner], own[inner], rtol=1e-3)
+        assert bead.area[0] == pytest.approx(one.area[0] / 1.25, rel=1e-6)
+        assert bead.volume < one.volume

@@ -17,7 +17,8 @@ from tjscan.planning.stops import (
 )
 from tjscan.planning.wps import read_wps
 
-WPS = read_wps(Path(__file__).parent.parent.parent / "examples" / "wps.toml")
+EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
+WPS = read_wps(EXAMPLE).model_copy(update={"start_stop": None})
 DOWN = np.array((0.0, 0.0, -1.0))
 SECTION = sheared_groove(root=6e-3, depth=22e-3, opening=0.95, slope=0.1, tilt=0.1)
 EDGES = edges_of(corners_along_arc(SECTION, growth=0.2))

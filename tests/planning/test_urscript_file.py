@@ -32,7 +32,8 @@ def small_plan() -> WeldPlan:
     corners = np.stack(
         np.broadcast_arrays(np.linspace(0, 0.06, 8)[:, None], flat[:, 0], flat[:, 1]), axis=2
     )
-    plan = plan_weld(edges_of(corners), read_wps(EXAMPLE), np.array((0.0, -1.0, 0.0)))
+    wps = read_wps(EXAMPLE).model_copy(update={"start_stop": None})
+    plan = plan_weld(edges_of(corners), wps, np.array((0.0, -1.0, 0.0)))
     return replace(plan, beads=plan.beads[:1])
 
 
@@ -44,7 +45,12 @@ def run(plan: WeldPlan, *, arc: bool) -> tuple[Array, Array, Array]:
     T_b_r = KINEMATICS.forward(HOME) @ tcp @ inverse_pose(over)
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
     path = T_b_r @ bead.T_r_torch
-    one = BeadPath(bead, np.array([path[0] @ back, path[0]]), path, (path[-1] @ back)[None])
+    one = BeadPath(
+        bead,
+        np.array([path[0] @ back, path[0]]),
+        path,
+        (path[-1] @ back)[None],
+    )
     script = path_to_urscript(StationPath("a", HOME, (one,)), plan.wps, OUTPUT, arc=arc)
     told: list[str] = []
     controller = LoopbackController(KINEMATICS, HOME, hz=HZ, fast=False, report_line=told.append)
@@ -125,3 +131,24 @@ def test_a_bead_moved_by_a_table_lays_what_its_feed_and_speed_bring() -> None:
     np.testing.assert_allclose(moved.heat, 0.5 * bead.heat)
     back = moved.with_segments(bead.segments, plan.wps)
     np.testing.assert_allclose(back.points, bead.points, atol=1e-15)
+
+
+def test_an_operator_lets_each_layer_go_on_when_the_other_station_has_welded_it() -> None:
+    plan = small_plan()
+    bead = plan.beads[0]
+    path = bead.T_r_torch
+    beads = [
+        BeadPath(replace(bead, number=k, layer=layer), path[:1], path, path[-1:])
+        for k, layer in ((1, 1), (2, 2), (3, 2), (4, 3))
+    ]
+    for before, after, says in (
+        ((), ("b",), ("b has welded layer 1 and layer 1 is released", "b has welded layer 2")),
+        (("b",), (), ("layer 1", "layer 2 and layer 1 is released", "b has welded layer 3")),
+        ((), (), ("layer 1 is released",)),
+    ):
+        whole = StationPath("a", HOME, tuple(beads), before, after)
+        lines = path_to_urscript(whole, plan.wps, OUTPUT, arc=True).splitlines()
+        holds = [line for line in lines if "popup" in line]
+        assert len(holds) == len(says)
+        assert all(one in line for one, line in zip(says, holds, strict=True))
+        assert sum("sleep(60)" in line for line in lines) == 3

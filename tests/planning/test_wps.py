@@ -99,6 +99,8 @@ def test_a_detail_with_an_empty_window_is_refused(tmp_path: Path) -> None:
         ("torch.solid", [], "at least 1"),
         ("torch.solid", 2 * [SOLID], "a name of its own"),
         ("sequence.positions", ["PZ"], "none of"),
+        ("wire.density_kg_m3", 7.85, "greater"),
+        ("sequence.interpass_temperature_C", 2500.0, "less"),
         ("sequence.ends", "round", "none of"),
         ("root.opening_mm", [6.0, 2.0], "empty window"),
         ("root.tacks", "leave", "none of"),
@@ -112,3 +114,12 @@ def test_a_wps_that_can_t_be_is_refused_with_its_key(
     assert error.value.file is not None
     assert error.value.key is not None
     assert error.value.key.startswith(key if "grow" in says or value is None else key.split(".")[0])
+
+
+def test_windows_that_no_wire_feed_and_speed_of_the_file_reach_are_refused(tmp_path: Path) -> None:
+    for key, value in (("arc", [500.0, 2000.0]), ("root", [0.001, 0.002])):
+        with pytest.raises(ConfigurationError, match=f"{key}.heat_input_kJ_mm allows .* unit"):
+            read_wps(written(tmp_path, f"{key}.heat_input_kJ_mm", value))
+    slow = [{"name": "PF", "wire_feed_m_min": [2.0, 3.0]}]
+    with pytest.raises(ConfigurationError, match="of PF lies outside"):
+        read_wps(written(tmp_path, "position", slow))

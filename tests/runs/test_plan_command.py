@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import tjscan
+from procedures import WPS_TEXT, wps_beside
 
 from tjscan.core.manifest import MANIFEST_FILE, manifest_text
 from tjscan.core.provenance import Provenance
@@ -20,7 +21,6 @@ from tjscan.result.table import read_sections_csv, sections_to_csv
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = ROOT / "tests" / "data" / "run-0.1.0"
-WPS = ROOT / "examples" / "wps.toml"
 SCHEMA = ROOT / "docs" / "plan.schema.json"
 
 
@@ -31,8 +31,10 @@ def run(tmp_path: Path) -> Path:
     return directory
 
 
-def planned(run: Path, *options: object, wps: Path = WPS) -> int:
-    return tjscan("plan", run, "--wps", wps, "--gravity", 0, 0, -1, "--no-reach", *options)
+def planned(run: Path, *options: object, wps: Path | None = None) -> int:
+    return tjscan(
+        "plan", run, "--wps", wps or wps_beside(run), "--gravity", 0, 0, -1, "--no-reach", *options
+    )
 
 
 def test_the_schema_is_the_one_in_the_documents() -> None:
@@ -102,7 +104,7 @@ def test_what_is_out_of_the_wps_is_named_and_ends_with_3(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wps = tmp_path / "wps.toml"
-    text = WPS.read_text(encoding="utf-8").replace('["PA", "PB", "PC"]', '["PG"]')
+    text = WPS_TEXT.replace('["PA", "PB", "PC", "PF", "PG"]', '["PG"]')
     wps.write_text(text, encoding="utf-8")
     assert planned(run, wps=wps) == 3
     assert "sequence.positions" in capsys.readouterr().out
@@ -118,7 +120,7 @@ def test_what_is_out_of_the_wps_is_named_and_ends_with_3(
 def test_wrong_options_are_refused(
     options: tuple[object, ...], says: str, run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = ("plan", run, "--wps", WPS)
+    given = ("plan", run, "--wps", wps_beside(run))
     gravity = () if options[0] == "--gravity" else ("--gravity", 0, 0, -1)
     assert tjscan(*given, *gravity, *options) == 2
     assert says in capsys.readouterr().err
@@ -128,7 +130,7 @@ def test_a_key_that_fits_nothing_is_told_with_its_file(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wps = tmp_path / "wps.toml"
-    text = WPS.read_text(encoding="utf-8").replace("[2.0, 6.5]", "[50.0, 60.0]")
+    text = WPS_TEXT.replace("[2.0, 6.5]", "[50.0, 60.0]")
     wps.write_text(text, encoding="utf-8")
     assert planned(run, wps=wps) == 2
     message = capsys.readouterr().err

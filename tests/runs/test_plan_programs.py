@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import tjscan
+from procedures import EXAMPLE, WPS_TEXT, wps_beside
 from ur_cell import address, output_is_on
 
 from tjscan.core.frames import Array
@@ -25,7 +26,6 @@ from tjscan_loopback.ur.controller import LoopbackController
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = ROOT / "tests" / "data" / "run-0.1.0"
-WPS = ROOT / "examples" / "wps.toml"
 OUTPUT = 3
 HZ = 25.0
 OFF_PATH = 0.2e-3
@@ -40,7 +40,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("plan") / "run"
     shutil.copytree(RUN, run)
     options = ("--gravity", 0, 0, -1, "--output", OUTPUT, "--arc")
-    assert tjscan("plan", run, "--wps", WPS, *options) in (0, 3)
+    assert tjscan("plan", run, "--wps", wps_beside(run), *options) in (0, 3)
     return run
 
 
@@ -56,7 +56,7 @@ def followed(run: Path, number: int) -> tuple[Array, Array]:
     starts = [i for i, line in enumerate(lines) if line.startswith("  # bead")] + [len(lines) - 1]
     head, part = lines[: starts[0]], lines[starts[number - 1] : starts[number]]
     arm, told = Kinematics.load("ur10e"), list[str]()
-    tcp = read_wps(WPS).torch.tcp.T
+    tcp = read_wps(EXAMPLE).torch.tcp.T
     (joints,) = (line for line in head if "movej" in line)
     q = np.array([float(x) for x in joints[joints.index("[") + 1 : joints.index("]")].split(",")])
     controller = LoopbackController(arm, q, hz=HZ, fast=False, report_line=told.append)
@@ -111,7 +111,7 @@ def test_a_curved_bead_is_followed_with_the_arc_on_on_it_alone(planned: Path) ->
     planned_speed = np.interp(s, along, speeds)
     np.testing.assert_allclose(speed[even[1:]], planned_speed[1:][even[1:]], rtol=OFF_SPEED)
     off = distance_and_length(tips[np.logical_not(on)], points, along)[0]
-    assert off.max() >= 0.9 * read_wps(WPS).torch.retract
+    assert off.max() >= 0.9 * read_wps(EXAMPLE).torch.retract
 
 
 def distance_and_length(tips: Array, points: Array, along: Array) -> tuple[Array, Array]:
@@ -129,14 +129,14 @@ def test_a_station_is_named_for_an_arm_alone(
     planned: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ("--gravity", 0, 0, -1, "--station", "left")
-    assert tjscan("plan", planned, "--wps", WPS, *options) == 2
+    assert tjscan("plan", planned, "--wps", wps_beside(planned), *options) == 2
     assert "--station: names the station" in capsys.readouterr().err
 
 
 def test_without_asking_for_the_reach_there_is_no_program(tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(RUN, run)
-    tjscan("plan", run, "--wps", WPS, "--gravity", 0, 0, -1, "--no-reach")
+    tjscan("plan", run, "--wps", wps_beside(run), "--gravity", 0, 0, -1, "--no-reach")
     assert not (run / "plan.urscript").exists()
     document = json.loads((run / "plan.json").read_text(encoding="utf-8"))
     assert document["stations"] == []
@@ -148,7 +148,7 @@ def test_a_torch_that_reaches_nothing_is_refused(
 ) -> None:
     run, wps = tmp_path / "run", tmp_path / "wps.toml"
     shutil.copytree(RUN, run)
-    text = WPS.read_text(encoding="utf-8").replace("[0.0, 60.0, 340.0]", "[0.0, 60.0, 3400.0]")
+    text = WPS_TEXT.replace("[0.0, 60.0, 340.0]", "[0.0, 60.0, 3400.0]")
     wps.write_text(text, encoding="utf-8")
     assert tjscan("plan", run, "--wps", wps, "--gravity", 0, 0, -1) == 2
     message = capsys.readouterr().err
@@ -181,7 +181,7 @@ def test_a_program_is_sent_to_an_arm_and_ctrl_c_stops_it(
         stopper.start()
         options = ("--gravity", 0, 0, -1, "--output", OUTPUT, "--arc", "--out", run / "sent")
         job = job_of_real_arm(run, host)
-        assert tjscan("plan", run, "--wps", WPS, *options, "--send-to", job) == 130
+        assert tjscan("plan", run, "--wps", wps_beside(run), *options, "--send-to", job) == 130
         stopper.join()
         assert f"run on {host}, output {OUTPUT} switches the arc" in capsys.readouterr().err
         assert not output_is_on(loopback.host, OUTPUT)
@@ -191,8 +191,8 @@ def test_no_arc_is_struck_after_a_plan_that_is_out_of_the_wps(
     planned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run, wps = planned, tmp_path / "cold.toml"
-    text = WPS.read_text(encoding="utf-8")
-    cold = re.sub(r"heat_input_kJ_mm = \[.*?\]", "heat_input_kJ_mm = [0.01, 0.02]", text)
+    text = WPS_TEXT
+    cold = re.sub(r"heat_input_kJ_mm = \[.*?\]", "heat_input_kJ_mm = [0.5, 0.6]", text)
     wps.write_text(cold, encoding="utf-8")
     job = job_of_real_arm(run, address())  # where nobody listens
     options = ("--gravity", 0, 0, -1, "--arc", "--out", run / "cold", "--send-to", job)
@@ -226,7 +226,7 @@ def test_a_program_goes_to_no_other_arm_and_joint(
     other = (planned / "joint.toml").read_text(encoding="utf-8").replace("457.2", "406.4")
     (planned.parent / "other.toml").write_text(other, encoding="utf-8")
     options = ("--gravity", 0, 0, -1, "--send-to", file)
-    assert tjscan("plan", planned, "--wps", WPS, *options) == 2
+    assert tjscan("plan", planned, "--wps", wps_beside(planned), *options) == 2
     assert says in capsys.readouterr().err
 
 

@@ -31,7 +31,7 @@ def energy(angles: Array, held: Indices, poses: Array, rest: Array) -> tuple[flo
     """Of the estimate's problem, with gradient and Hessian."""
     n = len(angles)
     stiff = np.tile((1e4, 1e3), (len(held), 1))
-    problem = EstimateArrays(np.zeros(3), 0.1, held, poses, stiff, rest, np.full(n, 0.5))
+    problem = EstimateArrays(np.zeros(3), 0.1, held, poses, stiff, rest, np.full(n, 0.5), 0.1)
     links, parts = np.empty((n, 5)), new_chain_derivatives(n)
     place_links(angles, problem.root, 0.1, links)
     value = cable_energy(angles, problem, links, parts)

@@ -360,3 +360,19 @@ def test_vehicles_lead_away_from_what_came_quicker_than_they_drive(begun: Towing
     assert gaps[-1] == pytest.approx(before + 0.06, abs=0.02)
     assert steps.max() <= 0.1 * TEAM.top_speed + 1e-6
     assert steps[:5].min() > 0.5 * 0.1 * TEAM.top_speed
+
+
+def test_weak_vehicles_draw_no_piece_straighter_than_they_could_drag_it(begun: TowingPlan) -> None:
+    weak = TowingPlanner(CABLE, replace(TEAM, force=15.0), YARD, planner().settings)
+    plan = begun
+    for _ in range(40):
+        plan = weak.plan(PlanInputs(plan.held_poses, WELDER, 0.1, plan))
+    assert not plan.halt
+    ends = np.vstack((CABLE.root[:2], plan.held_poses[:, :2]))
+    chords = np.hypot(*np.diff(ends, axis=0).T)
+    # A rope's tension at its ends: drag a metre, times the square of its length, over 8 sags.
+    sags = np.sqrt(3 / 8 * (1.0 - np.minimum(chords, 1.0)))
+    pulls = 10 * CABLE.friction / (8 * np.maximum(sags, 1e-9))
+    assert pulls.max() <= 0.4 * 15.0 * (1 + 1e-3)
+    free = np.hypot(*np.diff(np.vstack((CABLE.root[:2], begun.held_poses[:, :2])), axis=0).T)
+    assert free.max() > chords.max()

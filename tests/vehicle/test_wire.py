@@ -15,6 +15,7 @@ STATE = VehicleState(
     *(1.5, Twist(0.02, -0.01), (1.0, -2.0), (0.03, inf, 0.031, 0.03), "hot"),
     gyro=(-0.004,),
     down=(1.57,),
+    push=(12.5, -3.0, 0.4),
 )
 MESSAGE = StateMessage.of_state(STATE, session="abcd", number=7, time=2.0, commander="me")
 KEYS = tuple(json.loads(MESSAGE.to_json()))

@@ -46,7 +46,7 @@ COMMAND_GROUPS: Final = (
     (app, "study", ("study", "chain")),
     (app, "files", ("joint", "init", "schema")),
     (crawl_app, "crawl", ("run", "size", "calibrate", "compare", "replay")),
-    (tow_app, "tow", ("run", "replay")),
+    (tow_app, "tow", ("run", "replay", "identify")),
 )
 """Commands by group: the module, and the functions in it.
 

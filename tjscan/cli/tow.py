@@ -33,7 +33,8 @@ def run(
     resume
         Go on with a tow that was stopped.
     dry_run
-        Find out whether the cable can follow along the whole seam; nothing moves.
+        Find out whether the cable can follow along the whole seam; nothing moves. With --json it
+        prints the best first shape, too: of a seam of one point, that for given ends.
     json
         Print the figures as JSON on stdout.
     """
@@ -97,3 +98,29 @@ def replay(
     directory = out or dated_sibling_directory(run)
     replay_tow(run, parse_overrides(overrides, method=method), directory, write_run_report)
     print_tow_key_figures(directory, json=json)
+
+
+def identify(run: Path, *, out: Path | None = None, json: bool = False) -> None:
+    """Find what cable a tow had, into a file; ``identified`` of a job names it.
+
+    That is its stiffness, its set and the floor's drag, with their uncertainty. The vehicles must
+    have reported how hard their wheels push.
+
+    Parameters
+    ----------
+    run
+        The run directory of a tow, whole or cut short.
+    out
+        The file (TOML) to write; ``cable.toml`` beside the run if left out. It must not exist.
+    json
+        Print the figures as JSON on stdout.
+    """
+    from tjscan.cli.output.console import print_fields, print_json
+    from tjscan.runs.tow.run import identify_cable_of_run
+
+    file = out or run.parent / "cable.toml"
+    found = identify_cable_of_run(run, file)
+    if json:
+        print_json(found)
+    else:
+        print_fields([(key, f"{value:.4g}") for key, value in found.items()], title=str(file))

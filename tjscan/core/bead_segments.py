@@ -41,7 +41,7 @@ class BeadSegments:
     feed: Array
 
     def __post_init__(self) -> None:
-        steps = np.diff(self.s)
+        steps = np.diff(np.atleast_1d(self.s))  # rows at one place have none
         if not ((steps > 0).all() or (steps < 0).all()):
             raise ValueError("rows must come in their order along the bead, no two at one place")
 

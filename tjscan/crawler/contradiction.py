@@ -16,6 +16,7 @@ import numpy as np
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
+from tjscan.crawler.slip_aware import DRIVE_LAG
 from tjscan.crawler.slip_estimator import INERTIAL_MEAN_TIME, MOST_SIDEWAYS_SHARE
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.tracks import TrackGeometry
@@ -23,9 +24,6 @@ from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
 WHEEL_MEMORY_LENGTH, WHEEL_MEMORY_TIME = 0.030, 10.0
 """Metres and seconds over which a wheel is held against its command."""
-
-DRIVE_LAG: Final = 0.05
-"""Seconds by which drives follow their command (assumption)."""
 
 MOST_WHEEL_ERROR: Final = 1e-3
 """Metres by which a wheel may be farther behind its command than the other one within that memory:

@@ -82,7 +82,7 @@ def track_turn_rate(
 
     Parameters
     ----------
-    x : ndarray, shape (20,)
+    x : ndarray, shape (21,)
         As `SlipStateIndex` orders it.
     speed : float
         Forward, m/s; nothing is steered if it is 0.

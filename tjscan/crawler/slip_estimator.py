@@ -24,7 +24,7 @@ from tjscan.crawler.state_smoother import StateSmoother
 
 
 class SlipStateIndex(IntEnum):
-    """The place of each quantity in a state vector, shape (20,).
+    """The place of each quantity in a state vector, shape (21,).
 
     OFFSET is the torch's from the joint, metres; HEADING the angle from the joint to the
     vehicle; ROTATION_CENTRE how far the centre of rotation is ahead of the vehicle's own, in
@@ -39,8 +39,9 @@ class SlipStateIndex(IntEnum):
     speed by which each chain runs faster and slower as its pads come on, as cosine and sine of the
     way from pad to pad. ODOMETRY_DELAY is how much later than shown the tracks turn, seconds:
     drives lag by more than assumed. GYRO_BIAS is in rad/s; JOINT_DOWN the direction of down from
-    that of the joint, as the inclinometer shows it, radians. UNSTEADY_CRAB and UNSTEADY_DRIFT are
-    what crab and drift differ from those for now, and forget over `SETTLING_LENGTH`.
+    that of the joint, as the inclinometer shows it, radians, and INCLINOMETER_LAG the seconds by
+    which that is damped. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those
+    for now, and forget over `SETTLING_LENGTH`.
     """
 
     OFFSET = 0
@@ -61,8 +62,9 @@ class SlipStateIndex(IntEnum):
     ODOMETRY_DELAY = 15
     GYRO_BIAS = 16
     JOINT_DOWN = 17
-    UNSTEADY_CRAB = 18
-    UNSTEADY_DRIFT = 19
+    INCLINOMETER_LAG = 18
+    UNSTEADY_CRAB = 19
+    UNSTEADY_DRIFT = 20
 
 
 STATE_COUNT: Final = len(SlipStateIndex)
@@ -151,18 +153,18 @@ def propagate_state(
 
     Parameters
     ----------
-    x : ndarray, shape (20,)
+    x : ndarray, shape (21,)
         As `SlipStateIndex` orders it.
     odometry : TrackOdometry
     geometry : CrawlerGeometry
 
     Returns
     -------
-    x : ndarray, shape (20,)
-    F : ndarray, shape (20, 20)
+    x : ndarray, shape (21,)
+    F : ndarray, shape (21, 21)
     """
     q, heading, ahead, efficiency, drift, crab, curvature, turning_crab, settled = x[:9].tolist()
-    fixed, turning_drift, *wrong, _, _, sways, veers = x[9:].tolist()
+    fixed, turning_drift, *wrong, _, _, _, sways, veers = x[9:].tolist()
     u, dt = odometry.speed, odometry.period
     way = copysign(1.0, u) if u else 0.0
     tracks_turn = odometry.turn_rate + sum(map(mul, wrong, odometry.turn_rate_parts))
@@ -209,14 +211,14 @@ def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
 
     Parameters
     ----------
-    x : ndarray, shape (20,)
+    x : ndarray, shape (21,)
     geometry : CrawlerGeometry
 
     Returns
     -------
     d : float
         Metres.
-    H : ndarray, shape (20,)
+    H : ndarray, shape (21,)
     """
     D, slope = geometry.laser_to_torch, tan(x[SlipStateIndex.HEADING])
     H = np.zeros(STATE_COUNT)
@@ -257,9 +259,6 @@ INERTIAL_MEAN_TIME: Final = 1.0
 """Seconds over which what an inertial sensor is off by is averaged: no drive takes so long to do
 what it is asked for, and a gyro's noise is small by then."""
 
-INCLINOMETER_LAG: Final = 0.2
-"""Seconds by which a damped inclinometer lags at most behind a turn (assumption)."""
-
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
 
@@ -272,7 +271,7 @@ class SlipUncertainty(SettingsTable):
     Parameters
     ----------
     offset, heading, rotation_centre, yaw_efficiency, drift, crab, turning_crab : float
-    settled_centre, fixed_centre, turning_drift, odometry_delay, gyro_bias : float
+    settled_centre, fixed_centre, turning_drift, odometry_delay, gyro_bias, inclinometer_lag : float
         Before anything was measured; named as in `SlipStateIndex`, in its units.
     ripple : float
         Likewise, of each of the four ripples.
@@ -309,6 +308,7 @@ class SlipUncertainty(SettingsTable):
     ripple: Deviation = 3e-3
     odometry_delay: Annotated[Deviation, SECONDS] = 0.05
     gyro_bias: Annotated[Deviation, MRAD_S] = 2e-3
+    inclinometer_lag: Annotated[Deviation, SECONDS] = 0.2
     gyro: Annotated[Deviation, MRAD_S] = 2e-4
     down: Annotated[Deviation, MRAD] = 1e-3
     rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
@@ -333,9 +333,9 @@ class SlipEstimate:
 
     Parameters
     ----------
-    x : ndarray, shape (20,)
+    x : ndarray, shape (21,)
         As `SlipStateIndex` orders it.
-    P : ndarray, shape (20, 20)
+    P : ndarray, shape (21, 21)
         Its covariance.
     """
 
@@ -436,7 +436,8 @@ class SlipEstimator:
         self._walk_per_metre = np.square(walks)
         self._turns = 0.0
         self.unsteadiness = 1.0
-        self._turn, self._by_turn = 0.0, np.zeros(STATE_COUNT)
+        self._turn = self._damped_turn = 0.0
+        self._by_turn = np.zeros(STATE_COUNT)
         self.smoother = StateSmoother(STATE_COUNT)
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
@@ -548,11 +549,14 @@ class SlipEstimator:
             misfits[0] = self._correct_inertially(off, H, own.gyro**2 / period, period)
         for angle in down:
             H = np.zeros(STATE_COUNT)
+            lag = SlipStateIndex.INCLINOMETER_LAG
+            # A damped one is behind by its time constant times the turn rate, damped likewise.
+            share = period / max(float(self.estimate.x[lag]), period)
+            self._damped_turn += share * (self._turn - self._damped_turn)
             H[[SlipStateIndex.JOINT_DOWN, SlipStateIndex.HEADING]] = 1.0, -1.0
+            H[lag] = self._damped_turn
             off = remainder(angle - float(H @ self.estimate.x), tau)
-            # What it lags by is off for as long as the turn lasts: no mean makes it less.
-            lag_variance = (INCLINOMETER_LAG * self._turn) ** 2 * INERTIAL_MEAN_TIME / period
-            misfits[1] = self._correct_inertially(off, H, own.down**2 + lag_variance, period)
+            misfits[1] = self._correct_inertially(off, H, own.down**2, period)
         return misfits[0], misfits[1]
 
     def _correct_inertially(self, off: float, H: Array, variance: float, period: float) -> float:

@@ -1,4 +1,4 @@
-/* Loops over a profile's points, compiled: what groove/refinement.py does with NumPy.
+/* Loops over a profile's points, compiled: what groove/ does with NumPy otherwise.
 
    Each function has a twin in Python of the same name or of the name in its comment, whose docstring
    says what it does and why; both give the same to rounding (tests/groove/test_kernel.py). Constants
@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define KERNEL_VERSION 1
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -44,6 +45,8 @@
 #define _GUESSED_VARIANCE_INFLATION 4.0
 #define FACE_BLUNTNESS 0.2
 #define LEAST_COLUMNS_OF_HOLE 6
+#define SCALE_COVERED_SHARE 0.35
+#define STRAY_BLOCK_COST 9.0
 #define FARTHEST_POINT_RATIO 4.0
 #define CORNER_POINT_DISTANCE 1.5e-3
 #define FEWEST_AT_CORNER 2
@@ -249,6 +252,17 @@ static int invert(const double given[16], double inverse[16])
     return 1;
 }
 
+/* Sum of products of n values; in four parts, which a processor adds side by side. */
+static double dot(const double *a, const double *b, Py_ssize_t n)
+{
+    double sum[4] = {0.0, 0.0, 0.0, 0.0};
+    Py_ssize_t i = 0;
+    for (; i + 4 <= n; i += 4)
+        for (int part = 0; part < 4; part++) sum[part] += a[i + part] * b[i + part];
+    for (; i < n; i++) sum[0] += a[i] * b[i];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
 /* The value of rank `rank` of n values, whose order is lost. */
 static double select_rank(double *v, Py_ssize_t n, Py_ssize_t rank)
 {
@@ -327,19 +341,25 @@ static void smooth_correlation(const double *rho, double count, double *lags)
         lags[k] = (weight[0] * shapes[0][k] + weight[1] * shapes[1][k]) / (weight[0] + weight[1]);
 }
 
-/* `grid` holds scaled residuals by column, zero where there is none, and `held` says where. */
+static int count_bits(uint64_t v)
+{
+    v -= v >> 1 & 0x5555555555555555u;
+    v = (v & 0x3333333333333333u) + (v >> 2 & 0x3333333333333333u);
+    return (int)(((v + (v >> 4)) & 0x0f0f0f0f0f0f0f0fu) * 0x0101010101010101u >> 56);
+}
+
+/* `grid` holds scaled residuals by column, zero where there is none; `held`, bit by bit, says where, with
+   a word more in the end. */
 static void estimate_correlation(
-    const double *grid, const double *held, Py_ssize_t columns, double count, double parameters,
+    const double *grid, const uint64_t *held, Py_ssize_t columns, double count, double parameters,
     Correlation *found)
 {
     double rho[LONGEST_LAG], put_back[LONGEST_LAG], lost = 0.0, total = 0.0;
     for (int k = 0; k < LONGEST_LAG; k++) {
-        double product = 0.0, pairs = 0.0;
-        for (Py_ssize_t i = 0; i + k < columns; i++) {
-            product += grid[i + k] * grid[i];
-            pairs += held[i + k] * held[i];
-        }
-        rho[k] = product / larger(pairs, 1.0);
+        int pairs = 0;
+        for (Py_ssize_t i = 0; i <= columns / 64; i++)
+            pairs += count_bits(held[i] & (k ? held[i] >> k | held[i + 1] << (64 - k) : held[i]));
+        rho[k] = dot(grid + k, grid, columns > k ? columns - k : 0) / larger(pairs, 1.0);
     }
     const double scale = larger(rho[0], 1e-30);
     for (int k = 0; k < LONGEST_LAG; k++) rho[k] /= scale;
@@ -365,7 +385,8 @@ typedef struct {
     const double *x, *z;
     const int64_t *columns;
     Py_ssize_t column_count;
-    double *u, *along, *residuals, *scaled, *work, *grid, *held;
+    double *u, *along, *residuals, *scaled, *work, *grid;
+    uint64_t *held;
     uint8_t *keep, *left_out;
     int is_left_out; /* whether any points are */
 } Row;
@@ -431,7 +452,7 @@ static int fit_sides_once(
         memset(sum, 0, sizeof sums[j]);
         for (Py_ssize_t i = fit->edges[j]; i < fit->edges[j + 1]; i++) {
             if (!row->keep[i]) continue;
-            const double u = row->along[i] / SCALING_LENGTH, d = row->residuals[i];
+            const double u = row->along[i] * (1 / SCALING_LENGTH), d = row->residuals[i];
             const double u2 = u * u, u3 = u2 * u;
             sum[0] += 1.0;
             sum[1] += u;
@@ -467,7 +488,7 @@ static int fit_sides_once(
         fit->middles[j] = SCALING_LENGTH * sums[j][1] / sums[j][0];
         Py_ssize_t kept = 0;
         for (Py_ssize_t i = fit->edges[j]; i < fit->edges[j + 1]; i++) {
-            const double u = row->along[i] / SCALING_LENGTH;
+            const double u = row->along[i] * (1 / SCALING_LENGTH);
             row->residuals[i] -= c[0] + u * (c[1] + u * (c[2] + u * c[3]));
             if (row->keep[i]) row->work[kept++] = fabs(row->residuals[i]);
         }
@@ -497,13 +518,13 @@ static void estimate_noise(const Row *row, const Fit *fit, Correlation *noise)
 {
     double count = 0.0, parameters = 0.0;
     memset(row->grid, 0, (size_t)row->column_count * sizeof(double));
-    memset(row->held, 0, (size_t)row->column_count * sizeof(double));
+    memset(row->held, 0, (size_t)(row->column_count / 64 + 2) * sizeof(uint64_t));
     for (int j = 0; j < fit->k; j++) {
         const double sigma = larger(fit->sigmas[j], 1e-9);
         for (Py_ssize_t i = fit->edges[j]; i < fit->edges[j + 1]; i++)
             if (row->keep[i]) {
                 row->grid[row->columns[i]] = row->residuals[i] / sigma;
-                row->held[row->columns[i]] = 1.0;
+                row->held[row->columns[i] / 64] |= (uint64_t)1 << row->columns[i] % 64;
                 count += 1.0;
             }
         parameters += 2 + fit->curved[j];
@@ -526,11 +547,8 @@ static double correlated_square(
     memset(row->grid, 0, (size_t)room * sizeof(double));
     for (Py_ssize_t i = start; i < end; i++)
         if (row->keep[i]) row->grid[row->columns[i] - first] = share[i];
-    for (int lag = 0; lag < LONGEST_LAG && lag < room; lag++) {
-        double product = 0.0;
-        for (Py_ssize_t i = 0; i + lag < room; i++) product += row->grid[i] * row->grid[i + lag];
-        sum += (lag ? 2.0 : 1.0) * noise->lags[lag] * product;
-    }
+    for (int lag = 0; lag < LONGEST_LAG && lag < room; lag++)
+        sum += (lag ? 2.0 : 1.0) * noise->lags[lag] * dot(row->grid, row->grid + lag, room - lag);
     return sum;
 }
 
@@ -544,7 +562,7 @@ static void log_odds_of_straight_sides(
         }
         const double *c = fit->inverse[j] + 8; /* symmetric: row and column of the bend */
         for (Py_ssize_t i = fit->edges[j]; i < fit->edges[j + 1]; i++) {
-            const double u = row->along[i] / SCALING_LENGTH;
+            const double u = row->along[i] * (1 / SCALING_LENGTH);
             row->work[i] = c[0] + u * (c[1] + u * (c[2] + u * c[3]));
         }
         const double lost = noise_share_in_fit(2 + fit->curved[j], noise->inflation, fit->counts[j]);
@@ -725,7 +743,7 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
         return NULL;
     }
     Row row = {n, v[0].buf, v[1].buf, columns, column_count, memory, v[8].buf, (double *)v[8].buf + n,
-               memory + n, memory + 2 * n, memory + 3 * n, memory + 3 * n + column_count, v[9].buf,
+               memory + n, memory + 2 * n, memory + 3 * n, (uint64_t *)(memory + 3 * n + column_count), v[9].buf,
                (uint8_t *)(memory + 3 * n + 2 * column_count), 0};
     for (Py_ssize_t i = 0; i < n; i++) row.u[i] = -row.x[i] / row.z[i];
     Fit fit;
@@ -1242,10 +1260,11 @@ static PyObject *propose_candidates(PyObject *self, PyObject *const *args, Py_ss
 enum { FORM_VALUES = 7 };
 
 typedef struct {
-    double x, z, before, after;
+    double x, z, before, after, ways[4]; /* ways: rise along both directions, and depth */
     Py_ssize_t place;
-    int state; /* 0 not looked at, 1 they meet, -1 they do not */
 } Corner;
+
+enum { NOT_LOOKED_AT, NOWHERE, SOMEWHERE, WITH_ANGLES };
 
 typedef struct {
     Py_ssize_t n, count, runs;
@@ -1255,6 +1274,7 @@ typedef struct {
     const double *coefficients, *first, *last;
     double *paid, *sums, *least; /* of each candidate: n, n + 1, n + 1 values */
     Corner *corners;
+    uint8_t *states; /* what is known of each corner */
     double bounds[4]; /* least and largest x, then z, of corners */
 } Search;
 
@@ -1296,38 +1316,65 @@ static void prepare(Search *s, const double *roughness, double tolerance)
             const double u = s->u[i], off = s->z[i] * (a + u * (b + u * d)) - one;
             paid[i] = smaller(off * off + wider, 1.0);
         }
-        sums[0] = 0.0;
-        for (Py_ssize_t i = 0; i < n; i++) sums[i + 1] = sums[i] + paid[i];
-        double total = 0.0;
+        double whole = 0.0, total = 0.0;
         for (Py_ssize_t i = 0; i < n; i++) {
             const double most = paid[i] * share[i];
+            sums[i] = whole;
             least[i] = total;
+            whole += paid[i];
             total += most;
         }
+        sums[n] = whole;
         least[n] = total;
     }
 }
 
-/* _intersect_candidates for one pair. */
-static const Corner *corner_of(const Search *s, Py_ssize_t i, Py_ssize_t j)
+/* _intersect_candidates for one pair; NULL if they do not meet. */
+static Corner *corner_of(const Search *s, Py_ssize_t i, Py_ssize_t j)
 {
     Corner *corner = s->corners + i * s->count + j;
-    if (corner->state) return corner;
+    uint8_t *state = s->states + i * s->count + j;
+    if (*state) return *state == NOWHERE ? NULL : corner;
     const double *p = s->coefficients + 3 * i, *q = s->coefficients + 3 * j;
     const double middle = 0.5 * (s->last[i] + s->first[j]), c = p[2] - q[2];
     const double a = p[0] - q[0] + middle * (p[1] - q[1] + middle * c), b = p[1] - q[1] + 2 * middle * c;
     const double root = sqrt(b * b - 4 * a * c), u = middle - 2 * a / (b + copysign(root, b));
     const double y = p[0] + u * (p[1] + u * p[2]), z = 1 / y, x = -u * z;
-    corner->state = -1;
-    if (!(y > 0 && x > s->bounds[0] && x < s->bounds[1] && z > s->bounds[2] && z < s->bounds[3])) return corner;
+    *state = NOWHERE;
+    if (!(y > 0 && x > s->bounds[0] && x < s->bounds[1] && z > s->bounds[2] && z < s->bounds[3])) return NULL;
     const double slope = p[1] + 2 * u * p[2], other = q[1] + 2 * u * q[2];
-    corner->state = 1;
+    *state = SOMEWHERE;
     corner->x = x;
     corner->z = z;
     corner->place = search_sorted(s->u, s->n, u);
-    corner->before = atan2(-slope, y - u * slope);
-    corner->after = atan2(-other, y - u * other);
+    corner->ways[0] = y - u * slope;
+    corner->ways[1] = -slope;
+    corner->ways[2] = y - u * other;
+    corner->ways[3] = -other;
     return corner;
+}
+
+/* Bounds of a turn, with what excludes most turns without an angle. */
+typedef struct {
+    double least, most, cosines[2], sines[2];
+} Turn;
+
+/* Whether a corner turns within bounds; its angles are known then. */
+static int turns_within(Corner *c, uint8_t *state, const Turn *turn)
+{
+    const double *w = c->ways;
+    if (*state == SOMEWHERE) {
+        if (w[0] > 0 && w[2] > 0 && turn->most - turn->least < 3) {
+            const double cosine = w[0] * w[2] + w[1] * w[3], sine = w[1] * w[2] - w[0] * w[3];
+            const double slack = 1e-9 * (fabs(cosine) + fabs(sine));
+            if (sine * turn->cosines[0] - cosine * turn->sines[0] < -slack) return 0;
+            if (cosine * turn->sines[1] - sine * turn->cosines[1] < -slack) return 0;
+        }
+        c->before = atan2(w[1], w[0]);
+        c->after = atan2(w[3], w[2]);
+        *state = WITH_ANGLES;
+    }
+    return c->before - c->after >= turn->least && c->before - c->after <= turn->most;
 }
 
 /* Whether a corner of candidates i and j may be the first of a chain, or the last. */
@@ -1453,6 +1500,7 @@ static int find_chains(const Search *s, const double *form, int k, int most, Cha
         const double *side = form + FORM_VALUES * j;
         const size_t room = (size_t)(sizes[j] * sizes[j + 1]);
         Layer *own = &pairs[j];
+        const Turn turn = {side[4], side[5], {cos(side[4]), cos(side[5])}, {sin(side[4]), sin(side[5])}};
         own->cost = malloc((room + 1) * (sizeof(double) + sizeof(int32_t)));
         if (!own->cost) {
             number = -1;
@@ -1464,10 +1512,9 @@ static int find_chains(const Search *s, const double *form, int k, int most, Cha
                 const Py_ssize_t own_b = layer[j][b], own_c = layer[j + 1][c];
                 double *cost = own->cost + b * sizes[j + 1] + c;
                 *cost = INFINITY;
-                const Corner *corner = corner_of(s, own_b, own_c);
-                if (corner->state < 0) continue;
-                const double turn = corner->before - corner->after;
-                if (!(turn >= side[4] && turn <= side[5])) continue;
+                Corner *corner = corner_of(s, own_b, own_c);
+                uint8_t *state = s->states + own_b * s->count + own_c;
+                if (!corner || !turns_within(corner, state, &turn)) continue;
                 if (j == 0 && !may_begin(s, own_b, corner)) continue;
                 if (j == k - 2 && !may_end(s, own_c, corner)) continue;
                 const double step = step_cost(s, own_b, own_c, corner);
@@ -1538,6 +1585,7 @@ static void free_search(PyObject *capsule)
     if (s) {
         free(s->paid);
         free(s->corners);
+        free(s->states);
     }
     free(s);
 }
@@ -1572,10 +1620,11 @@ static PyObject *begin_search(PyObject *self, PyObject *const *args, Py_ssize_t 
     size_t total = 0;
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) total += sizes[i];
     double *memory = malloc(total * sizeof(double));
-    Corner *corners = calloc(sides * sides, sizeof(Corner));
+    Corner *corners = malloc(sides * sides * sizeof(Corner));
+    uint8_t *states = calloc(sides * sides, 1);
     Search *s = calloc(1, sizeof(Search));
     PyObject *capsule = NULL;
-    if (memory && corners && s) {
+    if (memory && corners && states && s) {
         double *to = memory + sizes[0] + sizes[1] + sizes[2];
         s->n = n;
         s->count = count;
@@ -1602,6 +1651,7 @@ static PyObject *begin_search(PyObject *self, PyObject *const *args, Py_ssize_t 
         s->run_jumps = (uint8_t *)to;
         memcpy(to, v[9].buf, own_runs);
         s->corners = corners;
+        s->states = states;
         prepare(s, v[3].buf, tolerance);
         capsule = PyCapsule_New(s, "search", free_search);
     } else {
@@ -1610,6 +1660,7 @@ static PyObject *begin_search(PyObject *self, PyObject *const *args, Py_ssize_t 
     if (!capsule) {
         free(memory);
         free(corners);
+        free(states);
         free(s);
     }
     close_arrays(letters, v);
@@ -1657,6 +1708,7 @@ enum { MOST_PULLS = 32 };
 
 /* Nothing is pulled so many decays away, and its exponential is finite. */
 static const double LARGEST_EXPONENT = 300.0;
+static const double LARGEST_LOG_ODDS = 60.0;
 static const double Pi = 3.14159265358979323846;
 
 /* A fit as Python holds it, and the points it rests on. */
@@ -1842,10 +1894,33 @@ typedef struct {
     double met[MOST_PULLS], bearing[MOST_PULLS];
 } Flank;
 
-/* What the points pay for each pull and shape, into `cost`; 0 if face and flanks are parallel. */
+/* Takes cosines and exponentials of the points from `begin` to `end` of a notch's region. */
+static void take_shapes(const Tried *tried, double *shapes, Py_ssize_t count, Py_ssize_t begin, Py_ssize_t end)
+{
+    const double *inward = shapes;
+    for (Py_ssize_t r = 0; r < tried->reaches + tried->decays; r++) {
+        double *one = shapes + (2 + 2 * r) * count, *other = one + count;
+        const int ends = r < tried->reaches;
+        const double scale = ends ? Pi / tried->reach[r] : 1 / tried->decay[r - tried->reaches];
+        for (Py_ssize_t i = begin; i < end; i++) {
+            const double angle = inward[i] * scale;
+            if (ends) {
+                one[i] = cos(angle);
+                other[i] = sin(angle);
+            } else {
+                other[i] = exp(smaller(larger(angle, -LARGEST_EXPONENT), LARGEST_EXPONENT));
+                one[i] = 1 / other[i];
+            }
+        }
+    }
+}
+
+/* What the points pay for each pull and shape, into `cost`, infinite if it is more than `most`; 0 if face
+   and flanks are parallel. `taken` says which points of each flank have their cosines. */
 static int pull_costs(
     const Fitted *f, const Tried *tried, const Curve *face, const double places[2], double limit,
-    Flank flanks[2], Py_ssize_t a, Py_ssize_t b, const double *u, const double *const shapes[2], double *cost)
+    Flank flanks[2], Py_ssize_t a, Py_ssize_t b, const double *u, double *const shapes[2], Py_ssize_t taken[2],
+    double most, double *cost)
 {
     const Py_ssize_t kinds = tried->reaches + tried->decays, count = b - a;
     for (int w = 0; w < 2; w++) {
@@ -1876,13 +1951,21 @@ static int pull_costs(
         }
         const Py_ssize_t first = search_sorted(u + a, count, flanks[0].bearing[p]);
         const Py_ssize_t last = search_sorted(u + a, count, flanks[1].bearing[p]);
+        if (first > taken[0]) {
+            take_shapes(tried, shapes[0], count, taken[0], first);
+            taken[0] = first;
+        }
+        if (last < taken[1]) {
+            take_shapes(tried, shapes[1], count, last, taken[1]);
+            taken[1] = last;
+        }
         double face_pays = 0.0;
         for (Py_ssize_t i = first; i < last; i++) face_pays += own[i];
         for (Py_ssize_t r = 0; r < kinds; r++) {
             double total = face_pays;
             const int ends = r < tried->reaches;
             const double length = ends ? tried->reach[r] : tried->decay[r - tried->reaches];
-            for (int w = 0; w < 2; w++) {
+            for (int w = 0; w < 2 && total <= most; w++) {
                 const Flank *flank = &flanks[w];
                 const double *inward = shapes[w], *behind = inward + count;
                 const double *one = behind + count + 2 * r * count, *other = one + count;
@@ -1907,10 +1990,11 @@ static int pull_costs(
                         logs += log(product);
                         product = 1.0;
                     }
+                    if (total + pays > most) break;
                 }
                 total += pays + (logs + log(product)) / (OUTLIER_SIGMAS * OUTLIER_SIGMAS);
             }
-            cost[p * kinds + r] = total;
+            cost[p * kinds + r] = total <= most ? total : INFINITY;
         }
     }
     return 1;
@@ -1959,14 +2043,6 @@ static int find_pull(const Fitted *f, const Tried *tried, const double *u, Py_ss
             const double inward = (flank->cz * x - flank->cx * z) / (flank->tx * z - flank->tz * x);
             shapes[w][i] = inward;
             shapes[w][count + i] = (x - curve->cx) * curve->tz - (z - curve->cz) * curve->tx - curve_height(curve, s);
-            for (Py_ssize_t r = 0; r < kinds; r++) {
-                double *one = shapes[w] + (2 + 2 * r) * count, *other = one + count;
-                const int ends = r < tried->reaches;
-                const double ratio = inward / (ends ? tried->reach[r] : tried->decay[r - tried->reaches]);
-                const double angle = ends ? ratio : smaller(larger(ratio, -LARGEST_EXPONENT), LARGEST_EXPONENT);
-                one[i] = ends ? cos(Pi * angle) : exp(-angle);
-                other[i] = ends ? sin(Pi * angle) : exp(angle);
-            }
         }
     }
     double now = 0.0;
@@ -1979,7 +2055,9 @@ static int find_pull(const Fitted *f, const Tried *tried, const double *u, Py_ss
         if (owner == k) on_face[faced++] = i;
     }
     double met[11][2][MOST_PULLS];
-    const double *const known[2] = {shapes[0], shapes[1]};
+    Py_ssize_t taken[2] = {0, count};
+    /* What pays so much more weighs nothing. */
+    const double most = now + LARGEST_LOG_ODDS * 2 * f->inflation / (OUTLIER_SIGMAS * OUTLIER_SIGMAS);
     for (int line = 0; line < (sag > flat && faced >= FEWEST_FACE_POINTS ? 11 : 1); line++) {
         static const double FACE_POINT_SHARES[5] = {0.15, 0.35, 0.5, 0.65, 0.85};
         Curve own = *face;
@@ -1993,8 +2071,8 @@ static int find_pull(const Fitted *f, const Tried *tried, const double *u, Py_ss
             const Curve straight = {f->x[p], f->z[p], dx / length, dz / length, 0.0, 0.0, 0.0, 0.0};
             own = straight;
         }
-        if (!pull_costs(f, tried, &own, line ? none : places, line ? flat : limits[k], flanks, a, b, u, known,
-                        costs + lines * cells))
+        if (!pull_costs(f, tried, &own, line ? none : places, line ? flat : limits[k], flanks, a, b, u, shapes,
+                        taken, most, costs + lines * cells))
             continue;
         for (int w = 0; w < 2; w++) memcpy(met[lines][w], flanks[w].met, sizeof flanks[w].met);
         lines++;
@@ -2110,7 +2188,7 @@ static void correlated_normal_matrix(const Fitted *f, Py_ssize_t j, double m[16]
     for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++) {
         if (!f->keep[i]) continue;
         double *at = grid + LONGEST_LAG + (f->columns[i] - first);
-        const double v = f->along[i] / SCALING_LENGTH;
+        const double v = f->along[i] * (1 / SCALING_LENGTH);
         at[0] = 1.0;
         at[row] = v;
         at[2 * row] = v * v;
@@ -2124,10 +2202,7 @@ static void correlated_normal_matrix(const Fitted *f, Py_ssize_t j, double m[16]
             for (Py_ssize_t i = 0; i < room; i++) smooth[i] += share * (from[i - lag] + from[i + lag]);
         }
         for (int b = 0; b <= a; b++) {
-            const double *other = grid + b * row + LONGEST_LAG;
-            double sum = 0.0;
-            for (Py_ssize_t i = 0; i < room; i++) sum += other[i] * smooth[i];
-            m[4 * a + b] = m[4 * b + a] = sum;
+            m[4 * a + b] = m[4 * b + a] = dot(grid + b * row + LONGEST_LAG, smooth, room);
         }
     }
 }
@@ -2505,7 +2580,40 @@ static PyObject *order_points(PyObject *self, PyObject *const *args, Py_ssize_t 
     return sound ? PyLong_FromSsize_t(count) : PyErr_Format(PyExc_ValueError, "arrays of points do not match");
 }
 
+/* _scale_costs: groove/steel.py */
+static PyObject *scale_costs(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "ddD";
+    Py_buffer v[3];
+    (void)self;
+    if (given != 4) return PyErr_Format(PyExc_TypeError, "scale_costs takes 4 arguments");
+    const double rarely = PyFloat_AsDouble(args[3]);
+    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t steps = count_of(&v[1]), lines = steps ? count_of(&v[2]) / steps : 0;
+    const Py_ssize_t blocks = lines ? count_of(&v[0]) / lines : 0;
+    const int sound = lines > 0 && count_of(&v[2]) == steps * lines && count_of(&v[0]) == blocks * lines;
+    for (Py_ssize_t k = 0; sound && k < steps; k++)
+        for (Py_ssize_t line = 0; line < lines; line++) {
+            const double *off = (const double *)v[0].buf + line * blocks, step = ((const double *)v[1].buf)[k];
+            double total = 0.0, share = SCALE_COVERED_SHARE;
+            int on_before = 0, seen_before = 0, changes = 0;
+            for (Py_ssize_t i = 0; i < blocks; i++) {
+                const double bare = off[i] * off[i], raised = (off[i] + step) * (off[i] + step);
+                const int on = k && raised < bare, seen = smaller(raised, bare) < STRAY_BLOCK_COST;
+                total += smaller(on ? raised : bare, STRAY_BLOCK_COST);
+                changes += on != on_before && seen && seen_before;
+                if (i == 0 && !(on && seen)) share = 1 - share;
+                on_before = on;
+                seen_before = seen;
+            }
+            ((double *)v[2].buf)[k * lines + line] = k ? total + rarely * changes - 2 * log(share) : total;
+        }
+    close_arrays(letters, v);
+    return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of scale do not match");
+}
+
 static PyMethodDef METHODS[] = {
+    {"scale_costs", (PyCFunction)(void (*)(void))scale_costs, METH_FASTCALL, NULL},
     {"order_points", (PyCFunction)(void (*)(void))order_points, METH_FASTCALL, NULL},
     {"costs_of_points", (PyCFunction)(void (*)(void))costs_of_points, METH_FASTCALL, NULL},
     {"points_beside_corners", (PyCFunction)(void (*)(void))points_beside_corners, METH_FASTCALL, NULL},
@@ -2522,6 +2630,13 @@ static PyMethodDef METHODS[] = {
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "_kernel", NULL, 0, METHODS};
+static int add_version(PyObject *module)
+{
+    return PyModule_AddIntConstant(module, "KERNEL_VERSION", KERNEL_VERSION);
+}
+
+static PyModuleDef_Slot SLOTS[] = {{Py_mod_exec, (void *)add_version}, {0, NULL}};
+
+static struct PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "_kernel", NULL, 0, METHODS, SLOTS, NULL, NULL, NULL};
 
 PyMODINIT_FUNC PyInit__kernel(void) { return PyModuleDef_Init(&MODULE); }

@@ -10,6 +10,7 @@ is no such sum. It is bounded from below first, and counted for the cheapest by 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -243,6 +244,7 @@ class ChainSearch:
         return longer, costs[own] + self._pay[longer[-2], longer[-1]], pair
 
 
+@lru_cache
 def _form_values(model: GrooveModel) -> Array:
     """What the compiled kernel knows of a form, shape (k, 7)."""
     kinds = [sum(1 << kind for kind in own) for own in kinds_of_sides(model)]

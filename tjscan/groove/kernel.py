@@ -29,18 +29,23 @@ from tjscan.groove.sides import (
 )
 from tjscan.laser.profile import Profile
 
+KERNEL_VERSION: Final = 1
+"""Rises with every change of what the compiled loops take and give: sources that were updated may
+lie beside loops that were not built again."""
+
 WITHOUT_KERNEL: Final = "TJSCAN_WITHOUT_KERNEL"
 """Set to anything but nothing, it keeps the compiled loops out."""
 
 
 def load_kernel() -> ModuleType | None:
-    """The compiled loops; None where they were not built or are switched off."""
+    """The compiled loops; None where they were not built, of another version, or switched off."""
     if os.environ.get(WITHOUT_KERNEL):
         return None
     try:
-        return import_module("tjscan.groove._kernel")
+        found = import_module("tjscan.groove._kernel")
     except ImportError:
         return None
+    return found if getattr(found, "KERNEL_VERSION", 0) == KERNEL_VERSION else None
 
 
 compiled: ModuleType | None = load_kernel()

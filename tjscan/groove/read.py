@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import sqrt
+from math import cos, degrees, hypot, sqrt
 from typing import Final
 
 import numpy as np
@@ -85,8 +85,9 @@ def read_groove_with_fit(
     section = read_root(fit, covariance + fit.other_readings, settings.support_tolerance)
     # Without the root's corners or with one more nothing else supports that this is a groove.
     # Other readings of it do not object to that.
-    root = section.corner_covariances_s[1:] if fit.model.name == settings.model.name else ()
-    needed = min(float(np.diag(c).max()) for c in (covariance[:2, :2], *root))
+    root = section.covariance_s.diagonal().reshape(3, 2).max(axis=1)[1:].tolist()
+    top = float(covariance.diagonal()[:2].max())
+    needed = min(top, *root) if fit.model.name == settings.model.name else top
     _check_corner_uncertainty(fit.row, needed, settings)
     _check_shape(section, fit.row.points)
     return section, fit
@@ -186,8 +187,8 @@ def _check_corner_uncertainty(row: Profile, variance: float, settings: GrooveSet
 def _check_shape(section: GrooveSection, points: Array) -> None:
     """Refuse a section whose opening or bevel is no groove's to be welded."""
     bevel = (section.points_s[1] - section.points_s[2])[[0, 2]]
-    length = float(np.hypot(*bevel))
-    depth = length * np.cos(section.gamma_1)
+    length = hypot(*bevel.tolist())
+    depth = length * cos(section.gamma_1)
     across = np.concatenate((bevel, -bevel)) / length
     sigma = sqrt(max(float(across @ section.covariance_s[:4, :4] @ across), 0.0))
     sure = depth > LEAST_DEPTH or (
@@ -205,6 +206,6 @@ def _check_shape(section: GrooveSection, points: Array) -> None:
     if not LEAST_OPENING_ANGLE < section.groove_angle < LARGEST_OPENING_ANGLE:
         raise GrooveNotFound(
             "ambiguous",
-            f"an opening of {np.degrees(section.groove_angle):.0f}° is not a groove's",
+            f"an opening of {degrees(section.groove_angle):.0f}° is not a groove's",
             points,
         )

@@ -165,7 +165,8 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     others : list of GrooveFit
         Fits of the same points, of any form of the groove.
     """
-    surely = replace(best, fitted=without_seam_cap(best.fitted))
+    bare = without_seam_cap(best.fitted)
+    surely = best if bare is best.fitted else replace(best, fitted=bare)
     covariance = _covariance_of_readings(best, others)
     covariance += _reflection_covariance(surely)
     covariance += _unmodelled_steel_covariance(surely)
@@ -291,6 +292,8 @@ def share_in_long_stretches(
         for a side that only one end shows to go over into another.
     """
     first, stop, hangs = _far_stretches(row, residuals)
+    if not len(first):
+        return 0.0
     length = stop - first
     counted = length >= least
     share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
@@ -343,8 +346,11 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
+    off = ~fitted.points_on_sides
+    if np.count_nonzero(off) < FEWEST_HIDING:
+        return covariance
     runs = find_runs(fit.row.points, fit.row.columns)
-    for a, b in zip(*stretches_of_steel(runs, ~fitted.points_on_sides), strict=True):
+    for a, b in zip(*stretches_of_steel(runs, off), strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         for i, corner in enumerate(fitted.corners):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import hypot, sqrt
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,8 @@ FARTHEST_ROOT_DISTANCE: Final = 20e-3
 FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
 
+_FACE_SHARES: Final = np.linspace(0.0, 1.0, FACE_HEIGHT_SAMPLES)
+
 MOST_HIDDEN_SHARE: Final = 0.5
 """Share of a weld, or of a bevel beside it, that one hole may hide."""
 
@@ -96,14 +98,13 @@ def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSect
     """
     bare = without_seam_cap(fit.fitted)
     seam = () if bare is fit.fitted else (SEAM_BESIDE,)
-    fit = replace(fit, fitted=bare)
+    if seam:
+        fit = replace(fit, fitted=bare)
     if fit.model.name == TEE_PARTLY_FILLED.name:
-        section = _section_over_weld(fit, covariance)
-    elif fit.model.has_root_bead:
-        section = _section_with_face(fit, covariance)
-    else:
-        section = _section_without_face(fit, covariance, tolerance)
-    return replace(section, model=fit.model.name, conditions=(*section.conditions, *seam))
+        return _section_over_weld(fit, covariance, seam)
+    if fit.model.has_root_bead:
+        return _section_with_face(fit, covariance, seam)
+    return _section_without_face(fit, covariance, tolerance, seam)
 
 
 def _section_with_corners(
@@ -113,6 +114,8 @@ def _section_with_corners(
     places: tuple[float, float],
     surface: Array | None = None,
     area_variance: float = 0.0,
+    hollow: float = 0.0,
+    **found: Any,
 ) -> GrooveSection:
     """Section with given corners p2, p3 and p4, x and z, shape (3, 2), in metres.
 
@@ -126,6 +129,10 @@ def _section_with_corners(
         Points between p3 and p4 that bound the area.
     area_variance : float
         Of the area beyond what its corners explain, m⁴.
+    hollow : float
+        Area between the line from p3 to p4 and the face behind it, in m².
+    **found
+        What else the section holds.
     """
     fitted = fit.fitted
     wall, leg = fitted.curves[0], fitted.curves[-1]
@@ -148,12 +155,14 @@ def _section_with_corners(
     return replace(
         section,
         measure_covariance=measure_covariance,
-        model_probability=fit.probability,
+        area=section.area + hollow,
+        model=fit.model.name,
         evidence=fit.evidence,
+        **{"model_probability": fit.probability, **found},
     )
 
 
-def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
+def _section_with_face(fit: GrooveFit, covariance: Array, seam: tuple[str, ...]) -> GrooveSection:
     """p2 is the first corner, p3 and p4 are the last ones."""
     fitted = fit.fitted
     last = len(fitted.corners) - 1
@@ -178,18 +187,20 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     elif bow > CONVEX_WELD_RATIO * chord:
         conditions = (WELD_IN_ROOT,)
     places = fitted.places[0][0], fitted.places[-1][1]
-    section = _section_with_corners(
+    # The area is that over the face, which bulges or sags, not that over its chord.
+    return _section_with_corners(
         fit,
         fitted.corners[chosen],
         spread,
         places,
         area_variance=(HOLLOW_SIGMA_SHARE * hollow) ** 2,
+        hollow=hollow,
+        conditions=conditions + seam,
+        absent=absent,
     )
-    # The area is that over the face, which bulges or sags, not that over its chord.
-    return replace(section, conditions=conditions, absent=absent, area=section.area + hollow)
 
 
-def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
+def _section_over_weld(fit: GrooveFit, covariance: Array, seam: tuple[str, ...]) -> GrooveSection:
     """p3 and p4 are the toes of the weld, which bounds the area that is left."""
     fitted, weld = fit.fitted, len(fit.fitted.curves) - 2
     height = np.sqrt(_height_variances(fitted))
@@ -214,15 +225,15 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
             )
     # Over a hole the surface may rise or sag.
     holes = np.linalg.norm(np.diff(np.vstack((corners[1], surface, corners[2])), axis=0), axis=1)
-    section = _section_with_corners(
+    return _section_with_corners(
         fit,
         np.array(corners),
         total,
         (fitted.places[0][0], places[1]),
         surface,
         HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4)),
+        conditions=(WELD_IN_GROOVE, *seam),
     )
-    return replace(section, conditions=(WELD_IN_GROOVE,))
 
 
 def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
@@ -266,15 +277,19 @@ def _height_and_area_of_face(
     root: CubicCurve, start: float, end: float
 ) -> tuple[float, float, float]:
     """Height of a face over its chord, towards the sensor, the chord, and the area behind it."""
-    points = root.points_on_curve(np.linspace(start, end, FACE_HEIGHT_SAMPLES))
-    along = points[-1] - points[0]
-    chord = hypot(*along.tolist())
-    away = (points - points[0]) @ np.array((along[1], -along[0])) / max(chord, 1e-9)
+    (q, _), (end_q, _) = root.height_and_slope(start), root.height_and_slope(end)
+    along, rise = end - start, end_q - q
+    chord = hypot(along, rise)
+    s = start + along * _FACE_SHARES
+    height = root.c0 + s * (root.c1 + s * (root.c2 + s * root.c3))
+    away = ((height - q) * along - (s - start) * rise) / max(chord, 1e-9)
     hollow = float(away.sum()) * chord / (FACE_HEIGHT_SAMPLES - 1)
     return float(-away[np.abs(away).argmax()]), chord, hollow
 
 
-def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
+def _section_without_face(
+    fit: GrooveFit, covariance: Array, tolerance: float, seam: tuple[str, ...]
+) -> GrooveSection:
     """p3 and p4 at the ends of bevel and leg, or somewhere between their ends and the apex."""
     row, fitted = fit.row, fit.fitted
     bevel, leg = fitted.curves[-2:]
@@ -313,8 +328,15 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
         hides = min(abs(apex_leg - s4), FARTHEST_ROOT_DISTANCE)
         along = hypot(max(opening / 4, LEAST_UNSEEN_SIGMA), sqrt(reflected / 3) * hides)
         total[4:6, 4:6] = _covariance_along_side(leg, s4, along, height[-1])
-        section = _section_with_corners(fit, points, total, (fitted.places[0][0], s4))
-        return replace(section, conditions=(OPEN_ROOT,), absent=("p4",), root_opening=opening)
+        return _section_with_corners(
+            fit,
+            points,
+            total,
+            (fitted.places[0][0], s4),
+            conditions=(OPEN_ROOT, *seam),
+            absent=("p4",),
+            root_opening=opening,
+        )
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
     s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
@@ -325,10 +347,12 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     total[2:4, 2:4] = _covariance_along_side(bevel, s3, hypot(reach_3, farther), height[-2])
     total[4:6, 4:6] = _covariance_along_side(leg, s4, hypot(reach_4, farther), height[-1])
     points = np.array((fitted.corners[0], bevel.point_on_curve(s3), leg.point_on_curve(s4)))
-    section = _section_with_corners(fit, points, total, (fitted.places[0][0], s4))
-    return replace(
-        section,
-        conditions=(ROOT_NOT_SEEN,),
+    return _section_with_corners(
+        fit,
+        points,
+        total,
+        (fitted.places[0][0], s4),
+        conditions=(ROOT_NOT_SEEN, *seam),
         absent=("p3", "p4"),
         model_probability=fit.probability * PROBABILITY_OF_NO_FACE,
     )

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from math import atan2, degrees, pi, radians
+from math import atan2, degrees, hypot, pi, radians, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -183,7 +183,6 @@ class _FitSearch:
             np.abs(fit.fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known
         ):
             return None
-        fit = replace(fit, objection=_reason_to_reject(fit, self._settings))
         self.found.append(fit)
         return fit
 
@@ -214,7 +213,8 @@ class _FitSearch:
         seen = _points_beside_corners(best)
         cost = float(runs.total_cost(costs))
         cost += _cost_of_form(model) + UNREACHED_CORNER_COST * np.count_nonzero(~seen)
-        return GrooveFit(row, model, best, cost, seen)
+        objection = _reason_to_reject(best, model, self._settings)
+        return GrooveFit(row, model, best, cost, seen, objection)
 
     def explain_missing_groove(self) -> GrooveNotFound:
         """What a profile without a groove of this model shows instead."""
@@ -269,9 +269,9 @@ def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, toleran
     return np.asarray(np.minimum(scaled * scaled + less, 1))
 
 
-def _turn_between(before: ArrayLike, after: ArrayLike) -> float:
+def _turn_between(before: tuple[float, float], after: tuple[float, float]) -> float:
     """Turn from one direction to another, positive in a valley."""
-    (ax, az), (bx, bz) = np.asarray(before).tolist(), np.asarray(after).tolist()
+    (ax, az), (bx, bz) = before, after
     return atan2(ax * bz - az * bx, ax * bx + az * bz)
 
 
@@ -306,10 +306,13 @@ def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
     return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_AT_CORNER
 
 
-def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
+def _reason_to_reject(
+    fitted: FittedProfile, model: GrooveModel, settings: GrooveSettings
+) -> str | None:
     """Why the points do not bear a fit out; None if they do."""
-    fitted, model = found.fitted, found.model
-    for side, count, share in zip(model.sides, fitted.counts, fitted.inlier_shares, strict=True):
+    edges, corners = pairwise(fitted.edges), fitted.corners.tolist()
+    for side, count, (a, b) in zip(model.sides, fitted.counts.tolist(), edges, strict=True):
+        share = count / (b - a)
         if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
             return f"only {count} points, {share:.0%} of those seen there, are on the {side.name}"
     ends = [
@@ -320,17 +323,21 @@ def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
         turned = _turn_between(before, after)
         if not allowed.least - SIDE_TURN_SLACK <= turned <= allowed.most + SIDE_TURN_SLACK:
             return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
-    chords = np.diff(fitted.corners, axis=0)
-    lengths = np.linalg.norm(chords, axis=1)
+    chords = [(bx - ax, bz - az) for (ax, az), (bx, bz) in pairwise(corners)]
     for k, side in enumerate(model.sides[1:-1]):
         turns = _turn_between(ends[k][0], chords[k]), _turn_between(chords[k], ends[k + 1][1])
         if side.bead and min(turns) < LEAST_FACE_TURN - SIDE_TURN_SLACK:
             return f"the {side.name} goes on from the side beside it"
-    for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
+    for side, chord in zip(model.sides[1:-1], chords, strict=True):
+        length = hypot(*chord)
         if not SIDE_LENGTH_SLACK * side.shortest < length < side.longest / SIDE_LENGTH_SLACK:
             return f"the {side.name} is {1e3 * length:.1f} mm long"
-    smooth = np.array([not side.roughness for side in model.sides]).repeat(np.diff(fitted.edges))
-    rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep & smooth] ** 2)))
+    smooth = fitted.keep.copy()
+    for side, own in zip(model.sides, fitted.spans, strict=True):
+        if side.roughness:
+            smooth[own] = False
+    off = fitted.residuals[smooth]
+    rms = sqrt(float(off @ off) / len(off))
     if rms > settings.largest_rms:
         return f"the points are {1e3 * rms:.2f} mm (rms) off the sides fitted to them"
     return None

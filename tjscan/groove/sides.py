@@ -94,12 +94,6 @@ class CubicCurve(NamedTuple):
         q, _ = self.height_and_slope(s)
         return self.cx + s * self.tx + q * self.tz, self.cz + s * self.tz - q * self.tx
 
-    def points_on_curve(self, s: Array) -> Array:
-        """Points of the curve, shape (n, 2), at places s, shape (n,)."""
-        q = self.c0 + s * (self.c1 + s * (self.c2 + s * self.c3))
-        x, z = self.cx + s * self.tx + q * self.tz, self.cz + s * self.tz - q * self.tx
-        return np.column_stack((x, z))
-
     def tangent_at(self, s: float) -> tuple[float, float]:
         """Unit tangent of the curve at s."""
         _, slope = self.height_and_slope(s)

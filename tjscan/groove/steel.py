@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, unit_vectors
+from tjscan.groove import kernel
 from tjscan.groove.interreflection import PULL_RELATIVE_SIGMA, closeness_to_notch, estimate_pull
 from tjscan.groove.prior import (
     NOTCH_PULLS,
@@ -233,10 +234,13 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
 
 def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
     """What surfaces cost, shape (n, l), whose blocks, shape (l, b), are so far behind them."""
-    bare = off**2
     pitch = abs(float(np.median(np.diff(along)))) / SCALE_PATCH_WIDTH
     rarely = max(-2 * log(pitch), 0.0)
     found = np.empty((len(steps), len(off)))
+    if kernel.compiled is not None:
+        kernel.compiled.scale_costs(off, steps, found, rarely)
+        return found
+    bare = off**2
     found[0] = np.minimum(bare, STRAY_BLOCK_COST).sum(axis=1)
     for k, step in enumerate(steps[1:].tolist(), 1):
         raised = (off + step) ** 2

@@ -83,6 +83,8 @@ class BeadEntry(StrictFileModel):
         of the tip's path
     weave_mm : tuple of float
         how far the torch swings to either side
+    slope_deg, rotation_deg : tuple of float
+        after ISO 6947; a slope below zero goes downhill
     positions : tuple of str
         after ISO 6947
     fill_sigma : float
@@ -105,6 +107,8 @@ class BeadEntry(StrictFileModel):
     width_mm: Range
     weave_mm: Range
     heat_kJ_mm: Range  # noqa: N815
+    slope_deg: Range
+    rotation_deg: Range
     positions: List[str]
     arc_time_s: float
     volume_mm3: float
@@ -212,6 +216,14 @@ class PlanDocument(StrictFileModel):
         passes that were welded before the scan
     overlap_mm : float
         by which beads lap over their start, or over the bead that follows
+    leg_radius_mm : float, or None
+        of the leg's cylinder that bounds the areas; null if straight lines from p4 to g do
+    interpass_wait_s : float
+        from the end of a bead to the start of the next, at least
+    hold_after_layers : tuple of int
+        after which welding waits for an operator
+    crater_time_s : float
+        for which the arc burns in one place at the end of a bead
     stations : tuple of StationEntry
         in the order of welding
     without_stations : str
@@ -228,6 +240,7 @@ class PlanDocument(StrictFileModel):
     after_pass: int
     root: RootEntry
     groove_mm: float
+    leg_radius_mm: float | None
     arc_time_s: float
     volume_mm3: float
     wire_m: float
@@ -236,6 +249,9 @@ class PlanDocument(StrictFileModel):
     stick_out_mm: float
     overlap_mm: float
     interpass_temperature_C: float  # noqa: N815
+    interpass_wait_s: float
+    hold_after_layers: List[int]
+    crater_time_s: float
     zones: List[BeadCountZoneEntry]
     beads: List[BeadEntry]
     details: List[DetailEntry]
@@ -288,6 +304,8 @@ def plan_document(
         wire_kg=_file_value("wire_kg", plan.wire_mass),
         gas_l=_file_value("gas_l", plan.gas_volume),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
+        hold_after_layers=plan.wps.sequence.hold_after_layers,
+        crater_time_s=plan.wps.crater_time,
         zones=tuple(
             _fill_entry(BeadCountZoneEntry, one, beads_in_layers=one.arrangement.counts)
             for one in plan.zones

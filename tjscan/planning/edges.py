@@ -107,6 +107,8 @@ class GrooveEdges:
         Open, closed, tacked.
     shared_area_sigma : float
         Standard deviation by which the areas of all sections err alike, m².
+    leg_radius : float or None
+        Of the leg's cylinder that bounds the sections, metres; None if straight lines do.
     """
 
     length: float
@@ -116,6 +118,7 @@ class GrooveEdges:
     curves: tuple[SmoothCurve, ...]
     root: RootAlongGroove
     shared_area_sigma: float = 0.0
+    leg_radius: float | None = None
     _together: SmoothCurve = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

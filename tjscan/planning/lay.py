@@ -28,9 +28,6 @@ SHORTEST_BEAD_STEP: Final = 0.2e-3
 POSITION_NAMES: Final = np.array(("PA", "PB", "PC", "PD", "PE"))
 """Principal positions, 45° of rotation from one to the next."""
 
-STEEP_SLOPE: Final = np.radians(45.0)
-"""Slope from which a bead counts as welded upwards (PF) or downwards (PG)."""
-
 
 @array_dataclass
 class PlannedBead:
@@ -118,6 +115,15 @@ class PlannedBead:
         area = wps.deposition_rate(now.feed) / now.speed
         heat = wps.heat_input(now.feed, now.speed)
         return replace(self, segments=segments, T_r_torch=T, area=area, heat=heat)
+
+    def with_start_and_stop(self, wps: WeldingProcedure) -> PlannedBead:
+        """The bead with the run-in and the crater of a WPS, if that has any."""
+        if wps.start_stop is None:
+            return self
+        now, along = self.at_points, np.append(0.0, np.cumsum(self.path_steps))
+        speed, feed = wps.start_stop.speed_and_feed_shares(along)
+        changed = replace(now, speed=now.speed * speed, feed=now.feed * feed)
+        return self.with_segments(changed, wps)
 
     @property
     def at_points(self) -> BeadSegments:
@@ -298,7 +304,8 @@ class ArrangedGroove:
             if wps.sequence.reverse:
                 travel = -travel
             slope, rotation = slope_and_rotation(face[:, place], travel, gravity)
-            feed = np.full_like(area, kind.feed)
+            positions = position_names(slope, rotation, wps.sequence.slope_limit)
+            feed = wps.feed_in_positions(kind.feed, positions)
             speed, off = wps.deposition_rate(feed) / area, np.zeros_like(area)
             weave = off if wps.weave is None else wps.weave.amplitude(widths[:, place])
             T = np.tile(np.eye(4), (len(s), 1, 1))
@@ -317,7 +324,7 @@ class ArrangedGroove:
                     heat=wps.heat_input(feed, speed)[way],
                     slope=slope[way],
                     rotation=rotation[way],
-                    positions=position_names(slope, rotation)[way],
+                    positions=positions[way],
                     width=widths[way, place],
                     relative_sigma=sigma[way],
                     station=span.station,
@@ -428,17 +435,16 @@ def slope_and_rotation(outward: Array, travel: Array, gravity: Array) -> tuple[A
     return slope, np.arctan2(sines, rest)
 
 
-def position_names(slope: Array, rotation: Array) -> tuple[str, ...]:
-    """Nearest principal position of ISO 6947 for each slope and rotation, shape (m,), radians.
+def position_names(slope: Array, rotation: Array, slope_limit: float) -> tuple[str, ...]:
+    """Principal position of ISO 6947 for each slope and rotation, shape (m,), radians.
 
-    PF upwards and PG downwards from 45° of slope on; else by rotation from PA, the face up, by PC,
-    the face sideways, to PE, overhead. The standard's own limits about each position were not at
-    hand.
+    PF upwards and PG downwards beyond a limit of the slope, which the WPS states; else the nearest
+    one by rotation from PA, the face up, by PC, the face sideways, to PE, overhead.
     """
     turned = np.rint((0.5 * np.pi - rotation) / np.radians(45)).astype(int)
     names = POSITION_NAMES[np.clip(turned, 0, len(POSITION_NAMES) - 1)]
     steep = np.where(slope > 0, "PF", "PG")
-    return tuple(np.where(np.abs(slope) > STEEP_SLOPE, steep, names).tolist())
+    return tuple(np.where(np.abs(slope) > slope_limit, steep, names).tolist())
 
 
 def _angle_from_second_axis(v: Array) -> Array:

@@ -21,12 +21,22 @@ DRAWN_SECTION_PLACES: Final = (0.1, 0.5, 0.9)
 BEAD_KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
 
 
-def draw_plan(plan: WeldPlan) -> Figure:
-    """Draw three sections with their beads, numbered in the order of welding, speed and heat."""
+def draw_plan(plan: WeldPlan, sides: str = "from bevel to leg") -> Figure:
+    """Draw three sections with their beads, numbered in the order of welding, speed and heat.
+
+    Parameters
+    ----------
+    plan : WeldPlan
+        The plan.
+    sides : str, optional
+        What the sections lie between, from left to right.
+    """
     figure = Figure(figsize=(14, 8), layout="constrained")
     grid = figure.add_gridspec(2, 6)
     for k, share in enumerate(DRAWN_SECTION_PLACES):
-        _draw_section(figure.add_subplot(grid[0, 2 * k : 2 * k + 2]), plan, share)
+        axes = figure.add_subplot(grid[0, 2 * k : 2 * k + 2])
+        axes.set_xlabel(f"{sides} / mm")
+        _draw_section(axes, plan, share)
     arc = plan.wps.arc
     speed = "speed", MM_PER_MIN, "travel speed / mm/min", arc.travel_speed
     heat = "heat", KJ_PER_MM, "heat input / kJ/mm", arc.heat_input
@@ -66,4 +76,4 @@ def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
     axes.set_aspect("equal")
     area = 1e6 * float(cells.areas.sum())
     axes.set_title(f"s = {s / MM.factor:.0f} mm, {len(order)} beads, {area:.0f} mm²", fontsize=10)
-    axes.set(xlabel="from bevel to leg / mm", ylabel="out of the root / mm")
+    axes.set_ylabel("out of the root / mm")

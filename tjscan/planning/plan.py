@@ -273,13 +273,17 @@ def plan_weld(
             laid = []
             for span in spans:
                 skipped = tack_spans_to_skip(edges.root, span, wps) if over_tacks else ()
-                ends = [end for part in skipped for end in part]
+                ends = [*(end for part in skipped for end in part), *_ends_of_ramps(span, wps)]
                 done = groove.lay_layer(layer, span, step, gravity, ends)
                 laid.append([bead_parts_outside_spans(bead, skipped) for bead in done])
+            in_layer = list[PlannedBead]()
             for parts_by_span in zip(*laid, strict=True):
                 last += 1
                 for part, bead in enumerate(chain.from_iterable(parts_by_span), start=1):
-                    beads.append(replace(bead, number=last, part=part, zone=number))
+                    begun = bead.with_start_and_stop(wps)
+                    in_layer.append(replace(begun, number=last, part=part, zone=number))
+            order = [span.station for span in spans]  # each welds its part before the next one
+            beads += sorted(in_layer, key=lambda bead: order.index(bead.station))
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
         *findings_of_stops(beads, stops, wps),
@@ -346,6 +350,16 @@ def _fit_zones_from(
         found.append(PlannedZone(float(s[first]), float(s[fits]), arrangement))
         first = fits
     return tuple(found)
+
+
+def _ends_of_ramps(span: StationStretch, wps: WeldingProcedure) -> tuple[float, ...]:
+    """Where along a span its run-in ends and its crater begins, metres."""
+    if wps.start_stop is None:
+        return ()
+    lengths = wps.start_stop.run_in, wps.start_stop.crater
+    first, last = lengths[::-1] if wps.sequence.reverse else lengths
+    inside = span.begin + first, span.end - last
+    return inside if inside[0] < inside[1] else ()
 
 
 def check_root_is_welded(root: RootAlongGroove, after_pass: int) -> None:

@@ -46,6 +46,8 @@ class SmoothCurve:
 
     Attributes
     ----------
+    sigma : ndarray, shape (n,)
+        As given.
     weights, trend : ndarray, shape (n, k) and (p, k)
         Of the kernel at the nodes, and of the powers of the length.
     """
@@ -53,7 +55,7 @@ class SmoothCurve:
     def __init__(
         self, s: Array, values: Array, sigma: Array, length: float, *, closed: bool
     ) -> None:
-        x, count = s / length, len(s)
+        x, count, self.sigma = s / length, len(s), sigma
         self._nodes, self._length, self._closed = x, length, closed
         self._order = order = min(SMOOTHNESS_ORDER, count - 1)
         trend = polynomial_powers(x, 1 if closed else order)

@@ -95,11 +95,27 @@ class StationPath:
         Joint angles at the first pose, radians.
     beads : tuple of BeadPath
         In the order of welding.
+    before, after : tuple of str
+        Stations that weld their part of each layer before this one, and after it.
     """
 
     station: str
     q: Array
     beads: tuple[BeadPath, ...]
+    before: tuple[str, ...] = ()
+    after: tuple[str, ...] = ()
+
+    def hold_text(self, i: int, wps: WeldingProcedure) -> str:
+        """What an operator has to wait for before bead i; empty if nothing."""
+        layer = self.beads[i].bead.layer
+        if i and self.beads[i - 1].bead.layer == layer:
+            return ""
+        waits = [f"{name} has welded layer {layer}" for name in self.before]
+        if i:
+            waits += [f"{name} has welded layer {layer - 1}" for name in self.after]
+            below = self.beads[i - 1].bead.layer
+            waits += [f"layer {below} is released"] * (below in wps.sequence.hold_after_layers)
+        return " and ".join(waits)
 
 
 def path_to_urscript(path: StationPath, wps: WeldingProcedure, output: int, *, arc: bool) -> str:
@@ -126,25 +142,31 @@ def path_to_urscript(path: StationPath, wps: WeldingProcedure, output: int, *, a
         "  # the way from where the arm is to here is not checked",
         f"  movej([{joints}], a={TOOL_ACCELERATION}, v={APPROACH_JOINT_SPEED})",
     ]
-    for one in path.beads:
+    for i, one in enumerate(path.beads):
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
+        if arc and i and wps.sequence.interpass_wait:
+            lines.append(f"  sleep({wps.sequence.interpass_wait:g})")
+        if hold := path.hold_text(i, wps):
+            lines.append(f'  popup("go on when {hold}", title="hold", blocking=True)')
         lines += _movel_lines(one.approach)
-        lines += _bead_move_lines(one, wps.weave, output, arc=arc)
+        lines += _bead_move_lines(one, wps, output, arc=arc)
         lines += _movel_lines(one.retreat)
     return "\n".join((*lines, "end", ""))
 
 
 def _bead_move_lines(
-    one: BeadPath, weave: WeaveSettings | None, output: int, *, arc: bool
+    one: BeadPath, wps: WeldingProcedure, output: int, *, arc: bool
 ) -> Iterator[str]:
     if arc:
         yield f"  set_standard_digital_out({output}, True)"
-    poses, times = one.woven(weave)
+    poses, times = one.woven(wps.weave)
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     speeds = steps / np.diff(times)  # a step has one speed
     blends = np.append(BLEND_RADIUS_SHARE * np.minimum(steps[1:], steps[:-1]), 0.0)
     for T, speed, blend in zip(poses[1:], speeds, blends, strict=True):
         yield f"  movep({_pose_text(T)}, a={TOOL_ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
+    if arc and wps.crater_time:
+        yield f"  sleep({wps.crater_time:g})"
     yield f"  set_standard_digital_out({output}, False)"
 
 

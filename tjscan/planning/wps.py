@@ -6,6 +6,7 @@ computed; it never claims to comply with anything.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -60,6 +61,8 @@ def _check_power_table(rows: Any) -> Any:
     return rows
 
 
+Window = tuple[float, float]
+
 _Positive = Annotated[float, Gt(0)]
 _Window = Annotated[tuple[_Positive, _Positive], AfterValidator(_check_window)]
 _Share = Annotated[float, Gt(0), Le(1)]
@@ -84,7 +87,7 @@ class WireSettings(Table):
     """
 
     diameter: Annotated[float, Gt(0), Le(10), MM]
-    density: Annotated[float, Gt(0), Le(30e3), KG_PER_CUBIC_METRE]
+    density: Annotated[float, Ge(1500), Le(25e3), KG_PER_CUBIC_METRE]
     deposition_efficiency: _Share
 
 
@@ -184,6 +187,52 @@ class WeaveSettings(Table):
     def amplitude(self, width: Array) -> Array:
         """How far to either side to swing for beads of widths, shape (m,), metres."""
         return np.maximum(0.5 * (width - self.stringer_width), 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartStopSettings(Table):
+    """Settings of how every bead begins and ends.
+
+    Parameters
+    ----------
+    run_in, crater : float
+        Lengths of both along the bead, metres.
+    run_in_speed : float
+        Travel speed at the very start, as a share of the bead's own; it comes to that linearly.
+    crater_feed : float
+        Wire feed at the very end, as a share of the bead's own, to which it goes linearly.
+    crater_time : float
+        How long the arc then burns in one place, seconds.
+    """
+
+    run_in: Annotated[float, Gt(0), Le(200), MM]
+    run_in_speed: Annotated[float, Gt(0), Le(5)]
+    crater: Annotated[float, Gt(0), Le(200), MM]
+    crater_feed: _Share
+    crater_time: Annotated[float, Ge(0), Le(60), SECONDS]
+
+    def speed_and_feed_shares(self, along: Array) -> tuple[Array, Array]:
+        """Shares of a bead's own speed and feed at lengths (q,) along it, from 0 to its whole."""
+        from_start = np.minimum(along / self.run_in, 1.0)
+        to_end = np.minimum((along[-1] - along) / self.crater, 1.0)
+        speed = self.run_in_speed + (1 - self.run_in_speed) * from_start
+        return speed, self.crater_feed + (1 - self.crater_feed) * to_end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PositionLimits(Table):
+    """A row of the table ``[[position]]``: what holds where a bead is welded in a position.
+
+    Parameters
+    ----------
+    name : str
+        PA to PG.
+    wire_feed : tuple of float
+        Window of the wire feed there, m/s.
+    """
+
+    name: Position
+    wire_feed: Annotated[_Window, M_PER_MIN]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -291,10 +340,17 @@ class SequenceSettings(Table):
         every layer shorter than the one below by `start_spread` at both ends.
     reverse : bool
         Whether beads run against the order of the sections.
+    slope_limit : float
+        Up to this slope a bead is welded in one of PA to PE; steeper in PF if it climbs, in PG if
+        it falls; radians.
     positions : tuple of str
         Positions that may be welded in.
     interpass_temperature : float
         °C, printed.
+    interpass_wait : float
+        From the end of a bead to the start of the next, at least, seconds.
+    hold_after_layers : tuple of int
+        Layers after which welding waits until an operator lets it go on.
     """
 
     longest_step: Annotated[float, Gt(0), Le(1000), MM]
@@ -305,7 +361,10 @@ class SequenceSettings(Table):
     ends: Literal["square", "cascade"]
     reverse: bool
     positions: Annotated[tuple[Position, ...], MinLen(1), LIST_OR_WORD_IN_FILE]
-    interpass_temperature: Annotated[float, CELSIUS_UNIT]
+    slope_limit: Annotated[float, Ge(0), Le(90), DEG]
+    interpass_temperature: Annotated[float, Ge(0), Le(600), CELSIUS_UNIT]
+    interpass_wait: Annotated[float, Ge(0), Le(3600), SECONDS]
+    hold_after_layers: Annotated[tuple[Annotated[int, Ge(1)], ...], LIST_OR_WORD_IN_FILE]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -344,6 +403,8 @@ class WeldingProcedure(StrictFileModel):
     torch: TorchSettings
     sequence: SequenceSettings
     weave: WeaveSettings | None = None
+    start_stop: StartStopSettings | None = None
+    position: Annotated[tuple[PositionLimits, ...], MaxLen(7), LIST_OR_WORD_IN_FILE] = ()
     detail: Annotated[tuple[JointDetail, ...], MaxLen(50), LIST_OR_WORD_IN_FILE] = ()
 
     @model_validator(mode="after")
@@ -357,6 +418,38 @@ class WeldingProcedure(StrictFileModel):
                 ' or nothing of a tack is skipped: fuse them (root.tacks = "fuse"), or overlap less'
             )
         return self
+
+    @model_validator(mode="after")
+    def _check_windows_overlap(self) -> Self:
+        """Refuse windows of which wire, arc and speed allow nothing: as of a wrong unit."""
+        for name, limits in (("arc", self.arc), ("root", self.root)):
+            feeds = np.array(limits.wire_feed)
+            slow, fast = limits.travel_speed
+            heats = self.heat_input(feeds, np.array((fast, slow))) / KJ_PER_MM.factor
+            window = tuple(limit / KJ_PER_MM.factor for limit in limits.heat_input)
+            if window[0] > heats[1] or window[1] < heats[0]:
+                raise ValueError(
+                    f"{name}.heat_input_kJ_mm allows {window[0]:g} to {window[1]:g}, and wire "
+                    f"feed, travel speed and power of the file give {heats[0]:.2g} to "
+                    f"{heats[1]:.2g}: is one in another unit?"
+                )
+        low, high = self.arc.wire_feed
+        for one in self.position:
+            if one.wire_feed[0] > high or one.wire_feed[1] < low:
+                reason = "lies outside arc.wire_feed_m_min"
+                raise ValueError(f"position: wire_feed_m_min of {one.name} {reason}")
+        return self
+
+    @property
+    def crater_time(self) -> float:
+        """How long the arc burns in one place at the end of a bead, seconds."""
+        return 0.0 if self.start_stop is None else self.start_stop.crater_time
+
+    def feed_in_positions(self, feed: float, positions: Sequence[str]) -> Array:
+        """The wire feed at points, shape (q,), m/s: one, or the nearest that a position allows."""
+        windows: dict[str, Window] = {one.name: one.wire_feed for one in self.position}
+        limits = np.array([windows.get(name, (0.0, np.inf)) for name in positions])
+        return np.asarray(np.clip(feed, *limits.T))
 
     def limits_of_bead(self, *, open_root: bool) -> tuple[str, ArcSettings | RootSettings]:
         """Table, and its name, that holds the windows of a bead's feed, speed and heat input.

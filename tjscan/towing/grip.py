@@ -39,7 +39,7 @@ SMALLEST_FORCE: Final = 1e-9
 
 
 class GripWatch:
-    """The cable's mean force on each vehicle, compared with what the vehicle can pull.
+    """The cable's mean force on each vehicle, compared with what the vehicle can pull with.
 
     Parameters
     ----------
@@ -55,12 +55,23 @@ class GripWatch:
         self._still = np.zeros((vehicles, 2))
         self._waits, self._hard_for = False, 0
 
-    def update(self, plan: TowingPlan) -> None:
-        """Take in the forces of a plan's estimate."""
-        if plan.forces is None or plan.tension is None or not np.isfinite(plan.forces).all():
-            return
-        self._forces.append(plan.forces)
-        self._tensions.append(plan.tension)
+    def update(self, plan: TowingPlan, pushes: Array) -> None:
+        """Take in the forces of a plan's estimate, and what the wheels push with.
+
+        A vehicle that is not about to slip goes evenly: its wheels' push is what the cable pulls.
+
+        Parameters
+        ----------
+        plan : TowingPlan
+        pushes : ndarray, shape (vehicles, 2)
+            Newton; NaN where drives do not report it.
+        """
+        estimated = self._still * np.nan if plan.forces is None else plan.forces
+        forces = np.where(np.isnan(pushes), estimated, -pushes)
+        if np.isfinite(forces).all():
+            self._forces.append(forces)
+        if plan.tension is not None and np.isfinite(plan.tension).all():
+            self._tensions.append(plan.tension)
 
     @property
     def forces(self) -> Array:

@@ -60,6 +60,9 @@ class TowCycle:
         Of the cable on them as estimated, mean of the last seconds, newton; empty if not known.
     tension : float
         Largest along the cable, likewise.
+    pushes : ndarray, shape (vehicles, 3)
+        Of the vehicles' wheels as their drives report them, along x and y, newton, and the moment,
+        N m; NaN if not known.
     """
 
     time: float
@@ -78,6 +81,9 @@ class TowCycle:
     stopped: tuple[int, ...] = ()
     forces: PlanarPoints = field(default_factory=lambda: np.zeros((0, 2)))
     tension: float = 0.0
+    pushes: Annotated[Array, ArrayForm((-1, 3), may_be_unknown=True)] = field(
+        default_factory=lambda: np.zeros((0, 3))
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
-from tjscan.towing.following import PoseFollower
+from tjscan.towing.following import PoseFollower, velocity_from_twist
 from tjscan.towing.grip import GripWatch
 from tjscan.towing.journal import WELDED_EVENT, TowCycle
 from tjscan.towing.pose_filter import OUTLIER_SIGMAS, TeamEstimate, TeamPoseFilter
@@ -255,7 +255,8 @@ class CableTow:
         began = host.thread_time()
         plan, pace = self._plan_next_step(estimate, obstacles, pace)
         seconds = host.thread_time() - began
-        self._grip.update(plan)
+        pushes = self._wheel_pushes(estimate.poses)
+        self._grip.update(plan, pushes[:, :2])
         if plan.halt or plan.retreat:
             waiting = waiting or WaitingReason(plan.halt or plan.retreat)
         elif pace == 0 and waiting is None:
@@ -283,12 +284,22 @@ class CableTow:
                 stopped=self._standing.disobedient,
                 forces=self._grip.forces,
                 tension=self._grip.tension,
+                pushes=pushes,
             )
         )
         self._along, self._targets = along, targets
         self._elapsed += PLAN_PERIOD if pace else 0.0
         if not plan.halt:
             self._last = plan
+
+    def _wheel_pushes(self, poses: Array) -> Array:
+        """Forces and moments of the wheels in frame w, shape (vehicles, 3); NaN if not known."""
+        pushes = np.full((len(poses), 3), np.nan)
+        for v, state in enumerate(self._states):
+            if isinstance(state, VehicleState) and len(state.push) == 3:
+                forward, aside, moment = state.push
+                pushes[v] = velocity_from_twist(Twist(forward, moment, aside), poses[v, 2])
+        return pushes
 
     def _plan_next_step(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float

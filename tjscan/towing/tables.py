@@ -15,6 +15,9 @@ MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 NEWTON_METRE_PER_RADIAN: Final = FileUnit("n_m_rad")
 NEWTON_METRE_SECOND_PER_RADIAN: Final = FileUnit("n_m_s_rad")
 NEWTON: Final = FileUnit("n")
+NEWTON_SQUARE_METRE: Final = FileUnit("n_m2")
+NEWTON_PER_METRE: Final = FileUnit("n_m")
+DEG_PER_METRE: Final = FileUnit("deg_m", radians(1.0))
 KG_PER_METRE: Final = FileUnit("kg_m")
 
 MOST_CABLE_LINKS: Final = 1000
@@ -72,6 +75,30 @@ class CableSettings(SettingsTable):
     def links(self) -> int:
         """Number of links."""
         return round(self.length / self.link)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifiedCable(SettingsTable):
+    """The table [identified], or a file of its keys: the cable as ``tjscan tow identify`` found it.
+
+    Parameters
+    ----------
+    stiffness : float
+        Against bending, N m²; over the length of a link, that of a joint.
+    drag : float
+        With which the floor holds a metre that slides, N/m.
+    curvature : float
+        Of a piece that nothing bends, 1/m.
+    stiffness_sd, drag_sd, curvature_sd : float
+        Their standard deviations.
+    """
+
+    stiffness: Annotated[float, Gt(0), Le(1e4), NEWTON_SQUARE_METRE]
+    stiffness_sd: Annotated[float, Ge(0), Le(1e4), NEWTON_SQUARE_METRE]
+    drag: Annotated[float, Gt(0), Le(1e4), NEWTON_PER_METRE]
+    drag_sd: Annotated[float, Ge(0), Le(1e4), NEWTON_PER_METRE]
+    curvature: Annotated[float, Ge(-720), Le(720), DEG_PER_METRE]
+    curvature_sd: Annotated[float, Ge(0), Le(720), DEG_PER_METRE]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -69,6 +69,9 @@ class VehicleState:
     down : tuple of float, optional
         Direction that an inclinometer shows to be down along the surface, from x towards y,
         radians; empty without a sample.
+    push : tuple of float, optional
+        Forces with which the wheels push the vehicle forward and sideways, newton, and turn it,
+        N m, as its twist counts them; empty if they are not known.
     """
 
     time: float
@@ -78,13 +81,14 @@ class VehicleState:
     fault: str = ""
     gyro: tuple[float, ...] = ()
     down: tuple[float, ...] = ()
+    push: tuple[float, ...] = ()
 
 
 def merge_unread_states(states: Sequence[VehicleState]) -> VehicleState:
     """The last of some states that came since one was read.
 
-    Its odometry and its gyro's turn rate are their means, so that way and turn over the time since
-    then come out right. It has the last other sample that any of them brought.
+    Odometry, the gyro's turn rate and the wheels' push are means, so that way and turn over the
+    time since then come out right. It has the last other sample that any of them brought.
     """
     motions = [(s.odometry.speed, s.odometry.turn_rate, s.odometry.sideways) for s in states]
     gyro = [rate for s in states for rate in s.gyro]
@@ -94,6 +98,7 @@ def merge_unread_states(states: Sequence[VehicleState]) -> VehicleState:
         proximity=next((s.proximity for s in reversed(states) if s.proximity), ()),
         gyro=(fmean(gyro),) if gyro else (),
         down=next((s.down for s in reversed(states) if s.down), ()),
+        push=tuple(fmean(axis) for axis in zip(*(s.push for s in states if s.push), strict=True)),
     )
 
 

@@ -91,7 +91,13 @@ def print_seam_feasibility(job: TowJob, file: Path, *, json: bool) -> None:
         sweep.refuse_if_blocked()
     bend = max(abs(plan.angles).max() for plan in sweep.plans)
     if json:
-        shape = {"first_shape": sweep.chosen, "first_shapes": sweep.shapes}
+        line = 1e3 * job.chain.line(sweep.start.angles)
+        shape = {
+            "first_shape": sweep.chosen,
+            "first_shapes": sweep.shapes,
+            "shape_mm": line.round(1).tolist(),
+            "objective": sweep.start.terms.paper,
+        }
         print_json(
             {"feasible": True, "length_mm": 1e3 * sweep.length, "bend_rad": float(bend)} | shape
         )

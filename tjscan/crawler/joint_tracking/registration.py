@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, sin, sqrt, tau
+from math import cos, inf, sin, sqrt, tau
 from typing import Final
 
 import numpy as np
@@ -36,6 +36,13 @@ FEWEST_ON_REFERENCE: Final = 40
 LEAST_SEEN_SHARE_OF_SIDE: Final = 0.1
 """Share of what each side of a reference shows of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree."""
+
+EDGE_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 1e-3, 0.3e-3
+"""Slope from which a reference is a bevel, and metres to both sides of its edge in which a bead
+over it stands over the hull by so many metres: no joint that is merely narrower does."""
+
+FEWEST_ON_ONE_BEVEL: Final = 8.0
+"""Points that must lie on one bevel if a bead covers the edge of the other."""
 
 DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 """Standard deviations and metres between which a point lies deeper than the reference as another
@@ -184,7 +191,8 @@ def register_profile(
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
         of the points that lie on the reference. None if too few do, if one side of the
-        joint no longer shows where it is, or if steel is gone that the reference shows.
+        joint no longer shows where it is and no bead covers its edge, or if steel is gone that the
+        reference shows.
     """
     x = t * z
     roll = start.roll
@@ -221,13 +229,19 @@ def register_profile(
         if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_SHIFT:
             break
     shift_information = (slope / spread) ** 2
+    bevel, on_other_bevel = np.abs(slope) > EDGE_SLOPE, inf
     for side in (u < 0, u > 0):
         side_total = shift_information[side].sum()
         if weight[side] @ shift_information[side] < LEAST_SEEN_SHARE_OF_SIDE * side_total:
-            return None
+            on_other_bevel = min(on_other_bevel, float(weight[~side & bevel].sum()))
+            near_edge = side & _is_near_edge(u, reference)
+            if not np.median((deep - place[1])[near_edge]) < -LEAST_COVER:
+                return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if shift_information[side] @ deeper > MOST_DEEPER_SHARE * side_total:
             return None
+    if on_other_bevel < FEWEST_ON_ONE_BEVEL:
+        return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
     moves = np.array((c, s, hull_z))
@@ -242,3 +256,10 @@ def register_profile(
         shared_sigma=reference.centre_sigma,
     )
     return found, 1 - share
+
+
+def _is_near_edge(u: Array, reference: ReferenceProfile) -> NDArray[np.bool_]:
+    """Which places across from the joint's centre, in metres, are near a reference's top edges."""
+    bevels = reference.across[np.abs(reference.slope) > EDGE_SLOPE]
+    edges = [bevels.min(initial=0.0), bevels.max(initial=0.0)]
+    return np.asarray(np.abs(np.subtract.outer(u, edges)).min(axis=1) < EDGE_HALF_WIDTH)

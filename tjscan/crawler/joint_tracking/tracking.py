@@ -9,6 +9,7 @@ from statistics import median
 from typing import Final
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, frozen_arrays
@@ -417,6 +418,4 @@ def _running_median(values: Array, count: int) -> Array:
     count = min(count, len(values) - 1 + len(values) % 2)
     if count < 2:
         return values
-    padded = np.pad(values, count // 2, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, count)
-    return np.asarray(np.partition(windows, count // 2, axis=1)[:, count // 2])
+    return np.asarray(scipy.ndimage.median_filter(values, count, mode="mirror"))

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import ceil
+from math import ceil, hypot
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen
 
-from tjscan.core.config import StrictFileModel, add_file_to_errors
+from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml
 from tjscan.core.devices import DriverRegistry
 from tjscan.core.errors import explain_missing_package
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsTable
@@ -32,6 +32,9 @@ some millimetres."""
 
 BEND_RADIUS_RESERVE: Final = 1.02
 """Factor by which plans enlarge the least bend radius of the job."""
+
+LEAST_FRICTION_DOUBT: Final = 0.1
+"""Share by which the floor's friction differs from place to place, however well it is known."""
 
 MOST_VEHICLES: Final = 50
 
@@ -142,6 +145,7 @@ class TowJob(StrictFileModel):
 
     method: Literal["ours", "paper"] = "ours"
     cable: tables.CableSettings = tables.CableSettings()
+    identified: tables.IdentifiedCable | None = None
     root: tables.CableRootSettings = tables.CableRootSettings()
     vehicles: VehiclesSettings = VehiclesSettings()
     area: tables.AreaSettings
@@ -169,8 +173,8 @@ class TowJob(StrictFileModel):
     @property
     def chain(self) -> Cable:
         """The cable, as the planner knows it."""
-        cable = self.cable
-        return Cable(
+        cable, found = self.cable, self.identified
+        chain = Cable(
             links=cable.links,
             link_length=cable.link,
             least_bend_radius=cable.least_radius,
@@ -179,11 +183,22 @@ class TowJob(StrictFileModel):
             radius=cable.radius,
             root=self.root.pose,
         )
+        if found is None:
+            return chain
+        doubt = hypot(found.stiffness_sd / found.stiffness, found.drag_sd / found.drag)
+        return replace(
+            chain,
+            bending_stiffness=found.stiffness / cable.link,
+            friction=found.drag * cable.link,
+            rest_angle=found.curvature * cable.link,
+            friction_doubt=max(doubt, LEAST_FRICTION_DOUBT),
+        )
 
     @property
     def team(self) -> TowingTeam:
         """The vehicles, as the planner knows them."""
-        return TowingTeam(self.held_links, self.vehicles.radius, self.vehicles.speed)
+        ours = self.vehicles
+        return TowingTeam(self.held_links, ours.radius, ours.speed, ours.force)
 
     @property
     def cable_with_bend_reserve(self) -> Cable:
@@ -222,13 +237,19 @@ class TowJob(StrictFileModel):
 def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
     """Read the job of a tow, with single keys replaced; see `read_job`.
 
+    Its ``identified`` may name a file instead, beside the job's; the job then holds its keys.
+
     Raises
     ------
     ConfigurationError
         If it can't be read, or asks for what can't be towed.
     """
+    keys = dict(overrides or {})
     with add_file_to_errors(file), explain_missing_package("towing", TOWING_EXTRA):
-        return read_job(TowJob, file, overrides)
+        named = keys.get("identified", read_toml(file).get("identified"))
+        if isinstance(named, str):
+            keys["identified"] = read_toml(file.parent / named)
+        return read_job(TowJob, file, keys)
 
 
 def _size_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import nan
 from pathlib import Path
 from typing import Final
 
@@ -118,6 +119,19 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
                 every = max(len(x) // MOST_CHART_POINTS, 1)
                 x, y = 1e3 * x[::every], 1e3 * y[::every]
                 yield ReportChart(title, along, beside, x, y, line=f"pass {one.number}")
+    for number in [one.number for one in found.passes]:
+        burning = [c for c in found.cycles if c.arc and c.number == number]
+        burning = burning[:: max(len(burning) // MOST_CHART_POINTS, 1)]
+        places = 1e3 * np.array([cycle.travel for cycle in burning])
+        speeds = 1e3 * np.array([cycle.state.odometry.speed for cycle in burning])
+        torques = np.array([max(map(abs, cycle.state.torques), default=nan) for cycle in burning])
+        line = f"pass {number}"
+        yield ReportChart(
+            "speed by the encoders", along, "speed / (mm/s)", places, speeds, line=line
+        )
+        if np.isfinite(torques).all():
+            title = "torque of the harder working motor"
+            yield ReportChart(title, along, "torque / (N m)", places, torques, line=line)
     title, across = "cross-section of the joint, median of each pass", "across the joint / mm"
     histories = section_histories(found.profiles, job.weld.length, job.vehicle.laser_to_torch)
     for number, height in histories.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -256,36 +257,51 @@ class StationReach:
         PoseUnreachable
             If something is in the way between the places that were looked at.
         """
-        first, last = self.longest or (0, 0)
-        spins, q = self.holds.path(first, last)
+        begin, end = self.longest or (0, 0)
+        spins, q = self.holds.path(begin, end)
         q = _turn_joints_within_limits(q, self.station)
-        at = self._along(np.arange(first, last + 1))
+        at = self._along(np.arange(begin, end + 1))
         torch, arm = plan.wps.torch, self.station.kinematics
-        T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
+        T_tool_f = inverse_pose(torch.tcp.T)
         leader = _TorchLeader(self.station, torch.tcp.T, self.hindrance)
-        found, before = list[BeadPath](), np.empty((0, 4, 4))
+        found, before, passed = list[BeadPath](), np.empty((0, 4, 4)), np.empty((0, q.shape[1]))
         for bead in (bead for bead in plan.beads if bead.station == self.station.name):
             turns = np.round((0.5 * (at[0] + at[-1]) - bead.s.mean()) / self.length)
             s = bead.s + turns * self.length * self.holds.closed
             spun = np.array([pose(rot_z(spin)) for spin in np.interp(s, at, spins)])
             T = self.station.T_b_r @ bead.T_r_torch @ spun
             where = f"bead {bead.number} of station {self.station.name}"
+            held = np.transpose([np.interp(s, at, angles) for angles in q.T])
+            first, last = (leader.draw_back(T[k], held[k], torch.retract) for k in (0, -1))
             if not found:
-                near = q[int(np.argmin(np.abs(at - s[0])))]
-                start = leader.q = arm.inverse(T[0] @ back @ T_tool_f, near=near)
-            way = leader.lead_on_lines(np.concatenate((before, [T[0] @ back, T[0]])), where)
+                start = leader.q = arm.inverse(first @ T_tool_f, near=held[0])
+            way = leader.lead_on_lines(np.concatenate((before, [first, T[0]])), where)
             path = leader.lead_along_bead(T, bead, where)
-            leave = leader.lead_on_lines(np.array([T[-1] @ back]), where)
+            leave = leader.lead_on_lines(last[None], where)
             found.append(BeadPath(bead, way, path, leave))
             # Points half a retraction apart: the way back needs no more.
             apart = bead.length / (len(bead.s) - 1)
-            before = (T @ back)[:: -max(1, int(0.5 * torch.retract / apart))]
+            back_over = slice(None, None, -max(1, int(0.5 * torch.retract / apart)))
+            passed = held[back_over]
+            before = np.array(
+                [
+                    leader.draw_back(pose_there, q_there, torch.retract)
+                    for pose_there, q_there in zip(T[back_over], passed, strict=True)
+                ]
+            )
         return StationPath(self.station.name, start, tuple(found))
 
     def _along(self, i: NDArray[np.int64]) -> Array:
         """Metres along the groove of places, beyond its length after a turn."""
         m = len(self.places)
         return np.asarray(self.places[i % m] + self.length * (i // m))
+
+
+RETRACTION_SHARES: Final = (1.0, 0.75, 0.5)
+"""Of the distance by which a torch is drawn back, that are tried at the end of the arm's reach."""
+
+LARGEST_TURN_DRAWN_BACK: Final = 0.5 * np.pi
+"""A joint that is turned further from where it is on the bead is of another posture of the arm."""
 
 
 class _TorchLeader:
@@ -310,6 +326,20 @@ class _TorchLeader:
             self.q = path[-1]
             commanded.append(self._commanded_tool_pose(T_b_f))
         return np.array(commanded)
+
+    def draw_back(self, T: Array, held: Array, retract: float) -> Array:
+        """Pose of the tool drawn back from T, (4, 4), as far as the arm can without a new posture.
+
+        The whole of `retract`, metres, or less where the arm is at the end of its reach; `held`
+        is how it holds the tool beside T, shape (6,).
+        """
+        for share in RETRACTION_SHARES:
+            drawn: Array = T @ pose(p=(0.0, 0.0, -share * retract))
+            with suppress(PoseUnreachable):
+                q = self._station.kinematics.inverse(drawn @ self._T_tool_f, near=held)
+                if np.abs(q - held).max() < LARGEST_TURN_DRAWN_BACK:
+                    return drawn
+        return T @ pose(p=(0.0, 0.0, -retract))
 
     def lead_along_bead(self, poses: Array, bead: PlannedBead, where: str) -> Array:
         """Along a bead's poses, shape (q, 4, 4); as the controller is commanded."""

@@ -32,6 +32,7 @@ from tjscan.planning.crawl_passes import CrawlPass, crawl_passes_of_plan
 from tjscan.planning.details import DetailStretch, find_stretches_off_details
 from tjscan.planning.document import PlanDocument, StationEntry, beads_to_csv, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners, fit_groove_edges
+from tjscan.planning.leg import bound_groove_by_leg
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import UNREACHED_STATION, StationStretch, crowns_and_saddles
 from tjscan.planning.urscript import StationPath, path_to_urscript
@@ -192,12 +193,16 @@ def divide_plan(
             f"no station reaches any of the groove with this torch: {reasons}", key="torch"
         )
     divided, paths, entries = replan(stretches), dict[str, StationPath](), []
+    welding = {bead.station for bead in divided.beads}
+    names = tuple(arm.name for arm in arms if arm.name in welding)
     for reach in reaches:
         name, problem, file = reach.station.name, "", ""
-        if any(bead.station == name for bead in divided.beads):
+        if name in welding:
             file = "plan.urscript" if name == SOLE_STATION_NAME else f"plan-{name}.urscript"
             try:
-                paths[file] = reach.lead_torch(divided)
+                path = reach.lead_torch(divided)
+                k = names.index(name)
+                paths[file] = replace(path, before=names[:k], after=names[k + 1 :])
             except PoseUnreachable as error:
                 file, problem = "", error.reason
         stretch, entry = reach.stretch, {"program": file, "without_program": problem}
@@ -296,7 +301,8 @@ def write_plan(
     with write_files_atomically(folder, last=PLAN_FILE, instead_of=STALE_PLAN_FILES) as draft:
         for file, text in texts.items():
             (draft / file).write_text(text, encoding="utf-8")
-        write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
+        sides = "left to right edge" if provenance.frame == CRAWL_PLAN_FRAME else "bevel to leg"
+        write_png(draft / PLAN_PICTURE, draw_plan(plan, f"from {sides}"), provenance)
         table = beads_to_csv(plan, provenance)
         (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
         if weldx_is_installed():
@@ -352,6 +358,7 @@ def plan_run(
         areas = [part.area_mm2 for part in parts if part.shared]
         shared = MM2.factor * float(np.linalg.norm(areas))
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
+        edges = bound_groove_by_leg(edges)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
@@ -427,19 +434,19 @@ def plan_crawl_run(
             key="--after-pass",
         )
     with add_file_to_plan_errors(wps_file, directory / f"{CRAWL_RECORDING}.mcap"):
-        edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
+        edges = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
         passes = crawl_passes_of_plan(plan)
     label = job_label_of_run(directory)
     provenance = Provenance.for_file_written_now(label, CRAWL_PLAN_FRAME, "mm")
-    begin, end = 1e3 * start, 1e3 * (start + edges.length)
-    head = f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
-    text = provenance.comment_lines("#") + head + passes_to_toml(passes, wps, start)
+    begin, end = 1e3 * edges.sections[1], 1e3 * edges.sections[-2]
+    head = f"# seen from {begin:.0f} to {end:.0f} mm of the weld, and taken to go on as there\n"
+    text = provenance.comment_lines("#") + head + passes_to_toml(passes, wps)
     divided = DividedPlan(plan, without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}")
     return write_plan(directory, out, wps_file, divided, provenance, {CRAWL_PASSES_FILE: text})
 
 
-def passes_to_toml(passes: Sequence[CrawlPass], wps: WeldingProcedure, start: float) -> str:
+def passes_to_toml(passes: Sequence[CrawlPass], wps: WeldingProcedure) -> str:
     """Write passes as the tables of a crawl job.
 
     Parameters
@@ -448,8 +455,6 @@ def passes_to_toml(passes: Sequence[CrawlPass], wps: WeldingProcedure, start: fl
         In the order of welding.
     wps : WeldingProcedure
         That they are of.
-    start : float
-        Where the planned joint begins along the weld, metres.
     """
     lines = []
     for one in passes:
@@ -466,7 +471,7 @@ def passes_to_toml(passes: Sequence[CrawlPass], wps: WeldingProcedure, start: fl
             swing = wps.weave
             lines += [f"weave_period_s = {swing.period:g}", f"dwell_s = {swing.dwell:g}"]
         columns = {
-            "s_mm": (table.s + start) / MM.factor,
+            "s_mm": table.s / MM.factor,
             "speed_mm_s": table.speed / MM_S.factor,
             "offset_mm": table.offset / MM.factor,
             "height_mm": table.height / MM.factor,
@@ -481,15 +486,15 @@ def passes_to_toml(passes: Sequence[CrawlPass], wps: WeldingProcedure, start: fl
     return "\n".join(lines) + "\n"
 
 
-def butt_joint_edges(
-    seen: PlacedProfiles, length: float, longest_step: float
-) -> tuple[GrooveEdges, float]:
-    """Edges of a butt joint in frame c, and where along it they begin, from profiles along it.
+def butt_joint_edges(seen: PlacedProfiles, length: float, longest_step: float) -> GrooveEdges:
+    """Edges of a butt joint in frame c, all along the weld, from profiles along it.
 
     A section is the trapezoid with the width, depth and area of what is left to fill, the mean of
     the readings of 20 mm; its standard deviation follows from how they scatter. A root
     higher than usual is a tack weld, a deeper one a crater or the end of a pass: such readings show
-    no groove to be filled alike, and only show where tacks are.
+    no groove to be filled alike, and only show where tacks are. Before the first section and behind
+    the last one the joint is taken to go on as there; its standard deviation grows with the square
+    root of the distance, by as much as sections differ.
 
     Parameters
     ----------
@@ -498,14 +503,7 @@ def butt_joint_edges(
     length : float
         Of the weld, metres.
     longest_step : float
-        Sections further apart are refused, metres.
-
-    Returns
-    -------
-    GrooveEdges
-        Through the sections.
-    float
-        Metres along the joint of the first of them.
+        Sections further apart are refused, and ends of the weld further from one; metres.
 
     Raises
     ------
@@ -533,7 +531,7 @@ def butt_joint_edges(
             "needed",
             key="profiles",
         )
-    means, spreads, area_sigmas = [], [], []
+    means, spreads, area_sigmas, of_reading = [], [], [], []
     for row in rows:
         flat = np.stack([_groove_corners_of_reading(reading) for _, reading in row])
         areas = np.array([reading.area_left for _, reading in row])
@@ -542,12 +540,40 @@ def butt_joint_edges(
         share = 1 / np.sqrt(len(row))
         spreads.append(share * np.linalg.norm(flat.std(axis=0, ddof=1), axis=1))
         area_sigmas.append(share * areas.std(ddof=1) / areas.mean())
-    corners, sigmas = np.stack(means), np.stack(spreads)
-    edges = fit_edges_to_corners(corners, sigmas, np.array(area_sigmas), longest_step)
-    start, openness = float(means[0][0, 0]), np.zeros(len(middles))
-    s = np.array(middles) - start
-    root = replace(edges.root, s=s, openness=openness, tacked=np.array(tacked))
-    return replace(edges, root=root), start
+        of_reading.append(areas.std(ddof=1))
+    corners, sigmas, area_sigma = _sections_to_ends(
+        np.stack(means), np.stack(spreads), np.array(area_sigmas), length
+    )
+    edges = fit_edges_to_corners(corners, sigmas, area_sigma, longest_step)
+    root = replace(
+        edges.root, s=np.array(middles), openness=np.zeros(len(middles)), tacked=np.array(tacked)
+    )
+    # No mean is surer than a reading: what readings of one laser have in common is not known.
+    return replace(edges, root=root, shared_area_sigma=float(np.mean(of_reading)))
+
+
+def _sections_to_ends(
+    corners: Array, sigmas: Array, area_sigma: Array, length: float
+) -> tuple[Array, Array, Array]:
+    """Sections with one more at either end of the weld: the nearest one, less certain."""
+    step = corners[1:, :, 1:] - corners[:-1, :, 1:]
+    apart = np.diff(corners[:, 0, 0])[:, None]
+    drift = np.sqrt(np.mean(np.sum(step**2, axis=2) / apart, axis=0))  # a root of a metre
+    depth, width = corners[:, 2, 2] - corners[:, 1, 2], np.ptp(corners[:, 2:, 1], axis=1)
+    rows = []
+    for k, end in ((0, 0.0), (-1, length)):
+        way = abs(corners[k, 0, 0] - end)
+        at_end = corners[k].copy()
+        at_end[:, 0] = end
+        grown = drift * np.sqrt(way)
+        of_area = np.hypot(grown[2] / depth[k], grown[1] / width[k])
+        rows.append((at_end, np.hypot(sigmas[k], grown), np.hypot(area_sigma[k], of_area)))
+    first, last = rows
+    whole = (
+        np.concatenate(([a], b, [c]))
+        for a, b, c in zip(first, (corners, sigmas, area_sigma), last, strict=True)
+    )
+    return next(whole), next(whole), next(whole)
 
 
 def _read_along_weld(seen: PlacedProfiles, length: float) -> list[tuple[float, ButtJointReading]]:

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import tomli_w
 
-from tjscan.core.config import add_file_to_errors
+from tjscan.core.config import add_file_to_errors, table_to_dict
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.files import write_files_atomically
 from tjscan.job.tow.cell import (
     TowCell,
     check_seam,
@@ -37,7 +39,7 @@ from tjscan.towing.journal import (
 from tjscan.towing.loop import PLAN_PERIOD, CableTow, TowSetup
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.plan import PlanInputs, ShapePlanner, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, PoseAccuracy, ShapePlanner, TowingPlan
 
 RESUMABLE_KEYS: Final = (
     "method",
@@ -264,3 +266,34 @@ def _replan_cycle(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: Towi
     ways = plan.held_poses - last.held_poses
     steps = np.column_stack((np.hypot(*ways[:, :2].T), ways[:, 2], np.zeros(len(ways))))
     return replace(cycle, plan=plan, seconds=seconds, asked=steps / PLAN_PERIOD)
+
+
+def identify_cable_of_run(directory: Path, file: Path) -> dict[str, float]:
+    """Find from a tow what cable it was, and write that to a new file; its keys and values.
+
+    Raises
+    ------
+    ConfigurationError
+        If the tow does not show it, or the file is there already.
+    RecordingError
+        If the recording is damaged, or the file can't be written.
+    """
+    from tjscan.towing.identification import identify_cable
+
+    job, cycles = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory).cycles
+    known, unknown = job.localisation, np.full((job.vehicles.count, 3), np.nan)
+    with add_file_to_errors(directory):
+        if file.exists():
+            raise ConfigurationError(f"{file} exists already: give another name with --out")
+        found = identify_cable(
+            job.chain,
+            job.held_links,
+            np.array([cycle.poses for cycle in cycles]).reshape(-1, job.vehicles.count, 3),
+            np.array([cycle.pushes if len(cycle.pushes) else unknown for cycle in cycles]),
+            cycles[0].plan.estimate if cycles else np.zeros(job.cable.links),
+            PoseAccuracy(known.position_sigma, known.heading_sigma),
+        )
+    keys: dict[str, float] = table_to_dict(found)
+    with write_files_atomically(file.parent) as draft:
+        (draft / file.name).write_text(tomli_w.dumps(keys), encoding="utf-8")
+    return keys

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import asin, isfinite
+from math import asin, inf, isfinite
 
 import numpy as np
 
@@ -35,6 +35,11 @@ class Cable:
         Of the cable itself, metres: r.
     root : tuple of float
         x and y, metres, and the direction of the first link at a first joint of no angle, radians.
+    rest_angle : float
+        Of every joint of a cable that nothing bends, radians: its set, from years on a drum.
+    friction_doubt : float
+        Share by which friction over stiffness may differ: floors differ by half (table I has one
+        figure), and cables stiffen as they cool.
 
     Raises
     ------
@@ -49,6 +54,8 @@ class Cable:
     friction: float = 0.87 * 0.10 * 9.81
     radius: float = 8.5e-3
     root: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rest_angle: float = 0.0
+    friction_doubt: float = 0.5
 
     def __post_init__(self) -> None:
         sizes = (self.link_length, self.least_bend_radius, self.bending_stiffness)
@@ -141,6 +148,8 @@ class TowingTeam:
         Of a vehicle seen from above, metres.
     top_speed : float
         Of a towing vehicle, m/s.
+    force : float
+        With which a vehicle can pull at most, newton.
 
     Raises
     ------
@@ -151,6 +160,7 @@ class TowingTeam:
     held_links: tuple[int, ...] = equally_spaced_links(60, 6)
     body_radius: float = 0.15
     top_speed: float = 0.1
+    force: float = inf
 
     def __post_init__(self) -> None:
         held = self.held_links

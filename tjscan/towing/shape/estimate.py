@@ -50,10 +50,6 @@ PULL_RELIEF_SPEED: Final = 2e-3
 VEHICLE_PLACE_ERROR: Final = 1e-3
 """Metres within which vehicles are where they are sent: no force is relieved better than that."""
 
-FRICTION_DOUBT: Final = 0.5
-"""Share by which friction over stiffness may differ from what the job states: floors differ by half
-(Table I has one figure), and cables stiffen as they cool."""
-
 PULL_TERM_INDEX: Final = 4
 """Which term of the objective it is."""
 
@@ -75,6 +71,8 @@ class EstimateArrays(NamedTuple):
         Towards which the floor holds the links' far ends: with a force that grows until they slide.
     slide : ndarray, shape (N,)
         Friction there over the stiffness of a joint, 1/m; 0 without.
+    rest_angle : float
+        Of a joint that nothing bends, radians.
     """
 
     root: Array
@@ -84,6 +82,7 @@ class EstimateArrays(NamedTuple):
     stiff: Array
     rest: Array
     slide: Array
+    rest_angle: float
 
 
 @compiled
@@ -105,8 +104,9 @@ def cable_energy(
     held, poses, rest, slide = problem.held, problem.poses, problem.rest, problem.slide
     energy = 0.0
     for i in range(len(angles)):
-        energy += 0.5 * angles[i] * angles[i]
-        joint[i, 0], joint[i, 1] = angles[i], 1.0
+        bend = angles[i] - problem.rest_angle
+        energy += 0.5 * bend * bend
+        joint[i, 0], joint[i, 1] = bend, 1.0
         turn[i, 0], turn[i, 1] = 0.0, 0.0
         point[i, :] = 0.0
         if slide[i] > 0.0:
@@ -268,6 +268,7 @@ def energy_problem_arrays(
         np.tile((trust.position_sd**-2, trust.heading_sd**-2), (int(known.sum()), 1)),
         rest,
         slide,
+        cable.rest_angle,
     )
 
 
@@ -408,8 +409,8 @@ def angle_deviations(
 ) -> Array:
     """Standard deviations of the estimated joint angles, radians, shape (N,).
 
-    Of the poses' errors, and of a floor that holds the cable more or less than the job states, by
-    `FRICTION_DOUBT`, each with what it turns the joints by at the least energy.
+    Of the poses' errors, and of a floor that holds the cable more or less, by the cable's
+    `friction_doubt`, each with what it turns the joints by at the least energy.
 
     Parameters
     ----------
@@ -418,11 +419,11 @@ def angle_deviations(
     now : CableEstimate
     """
     problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    return np.sqrt(_angle_variances(now.angles, problem))
+    return np.sqrt(_angle_variances(now.angles, problem, cable.friction_doubt))
 
 
 @compiled
-def _angle_variances(angles: Array, problem: EstimateArrays) -> Array:
+def _angle_variances(angles: Array, problem: EstimateArrays, friction_doubt: float) -> Array:
     """Variances of the angles of least energy, shape (N,)."""
     n, root = len(angles), problem.root
     links, parts, stiff = np.empty((n, 5)), chain.new_chain_derivatives(n), problem.stiff
@@ -451,7 +452,7 @@ def _angle_variances(angles: Array, problem: EstimateArrays) -> Array:
     chain.chain_gradient(parts, links, problem.length, change)
     back_substitute(factor, change)
     for i in range(n):
-        variances[i] += (FRICTION_DOUBT * change[i]) ** 2
+        variances[i] += (friction_doubt * change[i]) ** 2
     return variances
 
 

@@ -36,6 +36,7 @@ class LimitKind(IntEnum):
     LINK_TO_LINK = 4
     SPEED = 5
     JOINT = 6
+    TAUT = 7
 
 
 LIMIT_NAMES: Final = (
@@ -46,6 +47,7 @@ LIMIT_NAMES: Final = (
     "link {link} to link {other}",
     "speed of {holder}",
     "bend of joint {link}",
+    "pull of the cable before {holder}",
 )
 """In the order of `LimitKind`."""
 
@@ -62,6 +64,8 @@ BROKEN_LIMIT_TEXTS: Final = (
     "from itself",
     "{holder} would have to drive {mm} mm further than it can at {top_speed:.3g} m/min",
     "joint {link} would be bent {bend}° past its limit of {joint_limit:.1f}°",
+    "the cable before {holder} would be drawn {mm} mm too straight: dragged sideways it would pull "
+    "too hard for the vehicles",
 )
 """How a shape breaks a limit, in the same order."""
 
@@ -79,6 +83,10 @@ sign of its angle's growth for `grows_x`."""
 
 LimitRows = NDArray[np.void]
 """Rows of `ROW_TYPE`, shape (R,)."""
+
+DRAGGED_PULL_SHARE: Final = 0.4
+"""Share of a vehicle's force with which the cable on either side of it may pull: both together
+leave it a fifth."""
 
 SPARE_MARGIN: Final = 1e-6
 """Metres and radians added to every limit: what a solver may miss it by (`LEAST_KEPT_MARGIN`)."""
@@ -126,6 +134,8 @@ class LimitArrays(NamedTuple):
         Links with a top speed, which began at `pace_from` and may go `pace`.
     pace_from : ndarray, shape (P, 2)
     pace : float
+    longest : ndarray, shape (M,)
+        Distances of vehicles from those before them, and of the first from the root, at most.
     """
 
     root: Array
@@ -142,6 +152,7 @@ class LimitArrays(NamedTuple):
     paced: Indices
     pace_from: Array
     pace: float
+    longest: Array
 
 
 class RowBuffer(NamedTuple):
@@ -376,6 +387,18 @@ def add_joint_rows(room: RowBuffer, angles: Array, most: float) -> None:
 
 
 @compiled
+def add_taut_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
+    """Rows of vehicles that would draw the cable between them straight."""
+    for m in range(len(limits.held)):
+        at = link_end(limits.held[m], limits.root, links)
+        other = link_end(limits.held[m - 1] if m else -1, limits.root, links)
+        x, y = other.x - at.x, other.y - at.y
+        d = max(hypot(x, y), 1e-9)
+        if limits.longest[m] - d < room.band:
+            add_row(room, LimitKind.TAUT, limits.longest[m] - d, x / d, y / d, at, other)
+
+
+@compiled
 def fill_limit_rows(
     room: RowBuffer, angles: Array, links: Array, limits: LimitArrays, obstacles: Obstacles
 ) -> None:
@@ -404,6 +427,7 @@ def fill_limit_rows(
     add_cable_self_rows(room, links, limits)
     add_speed_rows(room, links, limits)
     add_joint_rows(room, angles, limits.joint_limit)
+    add_taut_rows(room, links, limits)
 
 
 @compiled
@@ -513,7 +537,26 @@ class LimitedProblem:
             paced=problem.paced,
             pace_from=problem.pace_from,
             pace=self.team.top_speed * problem.period - SPARE_MARGIN,
+            longest=self._longest_chords() - SPARE_MARGIN,
         )
+
+    def _longest_chords(self) -> Array:
+        """Of the pieces of cable before each vehicle, metres; inf if neither of its ends drives.
+
+        A piece of length L that is dragged sideways hangs on its ends like a rope, by friction q a
+        metre: sagging by s it pulls with q L² / 8 s, and its chord is 8 s² / 3 L shorter.
+        """
+        problem, held = self.problem, np.array(self.team.held_links)
+        cable, drives = problem.cable, np.isin(held, problem.paced)
+        lengths = cable.link_length * np.diff(held, prepend=-1)
+        sag = (
+            cable.friction
+            / cable.link_length
+            * lengths**2
+            / (8 * DRAGGED_PULL_SHARE * self.team.force)
+        )
+        longest = np.asarray(lengths - 8 / 3 * sag**2 / lengths)
+        return np.where(drives | np.append(False, drives[:-1]), longest, np.inf)
 
     def rows(self, angles: Array, band: float = 0.0, links: Array | None = None) -> LimitRows:
         """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`; of links as given, if so."""

@@ -42,6 +42,8 @@ class OmnidirectionalDrives:
         """Speeds that the wheels are controlled to, in each vehicle's frame, shape (n, 3)."""
         self.wheels = np.zeros((vehicles, 3))
         """Speeds that the wheels show, in each vehicle's frame, shape (n, 3)."""
+        self.pushes = np.zeros((vehicles, 3))
+        """Forces and moment of the wheels on each vehicle, in its frame, shape (n, 3)."""
         self._behind = np.zeros((vehicles, 3))
 
     def forces(
@@ -86,6 +88,7 @@ class OmnidirectionalDrives:
         held = self._mass * rate**2 * self._behind
         self._behind = self._behind * self._available_share(held)
         spins = np.any(given != asked, axis=1, keepdims=True)
+        self.pushes = _turn_velocities(given, -headings)
         self.wheels = np.where(spins, self.wanted, _turn_velocities(speeds - drift, -headings))
         return given
 
@@ -251,6 +254,7 @@ class TowingWorld:
         return VehicleState(
             self.time,
             Twist(speed, turn_rate, sideways),
+            push=tuple(self._drives.pushes[vehicle].tolist()),
             fault=JAMMED_WHEELS_FAULT if self._jammed[vehicle] else "",
         )
 

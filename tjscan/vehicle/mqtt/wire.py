@@ -43,6 +43,7 @@ Speed = Annotated[float, Ge(-10), Le(10)]
 TurnRate = Annotated[float, Ge(-100), Le(100)]
 Angle = Annotated[float, Ge(-10), Le(10)]
 Torque = Annotated[float, Ge(-1e6), Le(1e6)]
+Force = Annotated[float, Ge(-1e6), Le(1e6)]
 Distance = Annotated[float, Ge(0), Le(100)]
 
 
@@ -150,9 +151,9 @@ class StateMessage(WireMessage):
         Of the drives; empty if they are well.
     commander : str
         Session of the program whose commands it takes; empty if there is none.
-    gyro, down : tuple of float
-        Turn rate by a gyro, rad/s, and direction of down by an inclinometer, radians; empty without
-        a sample, or left out.
+    gyro, down, push : tuple of float
+        Turn rate by a gyro, rad/s, direction of down by an inclinometer, radians, and the wheels'
+        push, newton and N m; empty without a sample, or left out.
     """
 
     clock: Seconds
@@ -165,6 +166,7 @@ class StateMessage(WireMessage):
     commander: Annotated[str, Len(0, 64)] = ""
     gyro: Annotated[tuple[TurnRate, ...], Len(0, 1)] = ()
     down: Annotated[tuple[Angle, ...], Len(0, 1)] = ()
+    push: Annotated[tuple[Force, ...], Len(0, 3)] = ()
 
     def __post_init__(self) -> None:
         if len(self.proximity) not in (0, len(PROXIMITY_CORNERS)):
@@ -187,6 +189,7 @@ class StateMessage(WireMessage):
             commander=commander,
             gyro=state.gyro,
             down=state.down,
+            push=state.push,
         )
 
     @property
@@ -200,6 +203,7 @@ class StateMessage(WireMessage):
             self.fault,
             self.gyro,
             self.down,
+            self.push,
         )
 
 

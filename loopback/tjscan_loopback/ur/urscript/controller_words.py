@@ -94,8 +94,15 @@ class ControllerWords:
     def textmsg(self, s1: Any, s2: Any = "") -> None:
         """Write into the log, which is not kept here."""
 
-    def popup(self, s: Any, title: Any = "", warning: Any = False, error: Any = False) -> None:
-        """Show a message on the pendant; there is none here."""
+    def popup(
+        self,
+        s: Any,
+        title: Any = "",
+        warning: Any = False,
+        error: Any = False,
+        blocking: Any = False,
+    ) -> None:
+        """Show a message on the pendant; there is none here, and it counts as closed at once."""
 
     # Registers and outputs
 
