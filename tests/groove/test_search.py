@@ -217,7 +217,7 @@ def test_tiny_depths_are_no_points(
         z = profile.z_s.copy()
         z[::40] = depth
         points.append(read_groove(Profile(profile.x_s, z)).points_s)
-    np.testing.assert_array_equal(*points)
+    np.testing.assert_array_equal(points[0], points[1])
 
 
 @pytest.mark.parametrize("x", [0.0, 0.01, -0.03])
