@@ -139,9 +139,8 @@ def _columns_by_bearing(profile: Profile) -> Index:
     valid = profile.valid & (profile.z_s > 0)
     # Others write a far or a tiny value: no laser line reaches that far from its middle.
     middle = float(np.median(profile.z_s[valid])) if valid.any() else 0.0
-    farthest = FARTHEST_POINT_RATIO * middle
-    valid &= (profile.z_s < farthest) & (np.abs(profile.x_s) < farthest)
-    valid &= profile.z_s > middle / FARTHEST_POINT_RATIO
+    nearest, farthest = middle / FARTHEST_POINT_RATIO, middle * FARTHEST_POINT_RATIO
+    valid &= (profile.z_s > nearest) & (np.maximum(profile.z_s, np.abs(profile.x_s)) < farthest)
     columns = np.flatnonzero(valid)
     bearings = -profile.x_s[columns] / profile.z_s[columns]
     return columns[np.argsort(bearings, kind="stable")]
