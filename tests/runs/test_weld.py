@@ -2,26 +2,29 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pytest
 from command import tjscan
+from grooves import Groove, Noise, draw
 
 from tjscan.core.errors import ConfigurationError, WeldStopped
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, pose
 from tjscan.core.sourced import NumberSource
+from tjscan.groove.filled import KnownFlanks
 from tjscan.job.weld import read_weld_job
 from tjscan.planning.path import GrooveStations
 from tjscan.power.sequence import ArcFault
 from tjscan.runs.weld.arc import left_to_weld
 from tjscan.runs.weld.journal import ArcMessage, LookMessage
 from tjscan.runs.weld.look import (
-    SteelBefore,
+    FlanksAlongGroove,
     interpolate_poses,
     place_in_sections,
+    read_steel,
     surface_of_profiles,
 )
 from tjscan.runs.weld.results import (
@@ -95,27 +98,67 @@ def test_points_are_placed_along_a_bent_groove() -> None:
     assert np.isnan(before).all()
 
 
-def test_look_gives_the_surface_and_leaves_out_mirror_images() -> None:
+def straight_flanks() -> tuple[FlanksAlongGroove, KnownFlanks]:
+    """Of a groove along y, and what is known of it in each plane across."""
+    groove = Groove()
+    wall, _, _, leg = groove.directions
+    p2, p3, p4 = groove.corners
+    g = p2 + wall * np.linalg.solve(np.column_stack((wall, -leg)), p4 - p2)[0]
+    s = np.linspace(0.0, 0.2, 11)
+    corners = np.zeros((11, 4, 3))
+    corners[:, :, [0, 2]] = p3, p4, g, p2
+    corners[:, :, 1] = s[:, None]
+    known = KnownFlanks(groove.corners, wall, leg, np.zeros(2))
+    return FlanksAlongGroove(s, corners, s[[0, -1]], np.zeros((2, 2))), known
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_flanks_are_carried_into_the_plane_of_a_profile(way: float) -> None:
+    flanks, known = straight_flanks()
+    turned = replace(flanks, corners=flanks.corners * (1.0, way, 1.0))
+    found = turned.known_in(pose(np.eye(3), np.array((0.0, 0.0513 * way, 0.0))))
+    assert found.corners == pytest.approx(known.corners, abs=1e-12)
+    assert found.wall == pytest.approx(known.wall, abs=1e-12)
+    assert found.leg == pytest.approx(known.leg, abs=1e-12)
+
+
+def test_steel_of_a_profile_lies_where_the_sensor_was() -> None:
+    flanks, _ = straight_flanks()
+    profile, at = draw(Groove(), Noise(sigma=0.03e-3)), np.array((0.0, 0.0513, 0.0))
+    points, sigmas = read_steel(profile, flanks, pose(np.eye(3), at))
+    assert points[:, 1] == pytest.approx(0.0513)
+    assert len(points) == len(sigmas) > 0.9 * profile.valid.sum()
+    off = np.abs(points[:, None, [0, 2]] - profile.points[profile.valid]).max(axis=2)
+    assert off.min(axis=1).max() < 1e-12
+
+
+def test_no_steel_is_seen_where_another_groove_is() -> None:
+    flanks, _ = straight_flanks()
+    points, sigmas = read_steel(draw(Groove(), Noise()), flanks, pose(np.eye(3), (0.008, 0.05, 0)))
+    assert points.shape == (0, 3)
+    assert len(sigmas) == 0
+
+
+def test_look_gives_the_surface_though_a_profile_is_misled() -> None:
     stations, fine = bent_stations(), np.linspace(-0.025, 0.025, 301)
     profiles = []
-    rng = np.random.default_rng(33)
-    for at in np.arange(0.0, 0.2, 4e-3):
+    for k, at in enumerate(np.arange(0.0, 0.2, 1e-3)):
         points = bent_points(stations, at, fine)
-        ghosts = rng.choice(len(fine), 6, replace=False)
-        points[ghosts] -= (0.0, 0.0, 0.012)
-        profiles.append(points)
+        if k % 5 == 3:
+            points[100:160] += (0.0, 0.0, 0.003)
+        profiles.append((points, np.full(len(fine), 0.03e-3)))
     u, toes = np.linspace(-0.022, 0.022, 177), np.tile((-0.02, 0.02), (101, 1))
-    hidden = [one for k, one in enumerate(profiles) if not 20 <= k < 26]
-    before = SteelBefore.of_corners(stations)
+    refused = np.empty((0, 3)), np.empty(0)
+    hidden = [one if not 80 <= k < 104 else refused for k, one in enumerate(profiles)]
     for taken in (profiles, hidden):
-        found = surface_of_profiles(stations, taken, u, toes, 4e-3, before)
-        rows = found.read & (stations.s > 0.004) & (stations.s < 0.19)
+        found = surface_of_profiles(stations, taken, u, toes, 4e-3)
+        rows = found.read & (stations.s > 0.006) & (stations.s < 0.19)
         off = np.abs(found.w - surface_height(u))[rows]
         assert np.percentile(off, 99) < 0.1e-3
+        assert found.sigma[rows] == pytest.approx(0.03e-3)
     unread = stations.s[~found.read]
-    assert unread.min() > 0.075
-    assert unread[unread < 0.19].max() < 0.105
-    assert len(unread) > 5
+    assert 0.08 < unread.min() < 0.088
+    assert 0.096 < unread[unread < 0.19].max() < 0.104
 
 
 def test_way_of_a_look_has_the_scan_s_poses_in_it() -> None:

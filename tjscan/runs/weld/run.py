@@ -214,6 +214,8 @@ class Weld:
     context : WeldContext
     stations : GrooveStations
         Sections of the first scan, in the frame of its results.
+    flanks : FlanksAlongGroove
+        Faces of the bare groove.
     toes_u : ndarray, shape (n, 2)
         Where the finished weld shall meet brace and leg, metres.
     order : BeadOrder
@@ -225,6 +227,7 @@ class Weld:
 
     context: WeldContext
     stations: GrooveStations
+    flanks: looking.FlanksAlongGroove
     toes_u: Array
     order: BeadOrder
     world: WeldWorld
@@ -277,7 +280,11 @@ class Weld:
             faults=settings.simulation.faults,
         )
         last = {view.index: view for view in read_recorded_scan(scanned).views}
-        return cls(context, stations, toes_u, order, world, [last[k] for k in sorted(last)])
+        T_r_b = result_frame_of_job(context.job).T_r_b
+        poses = [T_r_b @ last[one.index].T_b_s for one in sections]
+        flanks = looking.FlanksAlongGroove.of_scan(edges, sections, poses)
+        views = [last[k] for k in sorted(last)]
+        return cls(context, stations, flanks, toes_u, order, world, views)
 
     @property
     def count(self) -> int:
@@ -485,17 +492,12 @@ class Weld:
                     raise WeldStopped(ArcFault.STOPPED, "by the operator, during a look")
                 self._arm = cell.arm.move_linear(T_b_f)
                 T_r_s = frame.T_r_b @ self._arm.T_b_f @ cell.T_f_s
-                profiles.append(looking.points_of_profile(cell.laser.capture().points, T_r_s))
+                profile = cell.laser.capture()
+                profiles.append(looking.read_steel(profile, self.flanks, T_r_s, job.groove))
             time = cell.arm.state().time
         u = _columns(self.toes_u, settings.margin)
-        steel = looking.SteelBefore.of_corners(self.stations)
-        if self.planner is not None:
-            belief, last = self.planner.belief, self._previous or self.planner.belief
-            # What was not read was never seen to be filled.
-            w = np.where(self.weldable[:, None], last.w, belief.base)
-            steel = looking.SteelBefore(belief.u, w)
         surface_seen = looking.surface_of_profiles(
-            self.stations, profiles, u, self.toes_u, settings.look_step, steel
+            self.stations, profiles, u, self.toes_u, settings.look_step
         )
         return surface_seen, time
 
