@@ -234,6 +234,44 @@ def test_nothing_begins_with_a_moving_torch_or_current(bench: Bench) -> None:
     assert not bench.flows
 
 
+def test_no_arc_is_struck_or_waited_for_without_gas(bench: Bench) -> None:
+    bench.source.order_fault(PowerFaultOrder.NO_GAS)
+    bench.run_to(ArcPhase.GAS)
+    assert bench.until_stopped().fault is ArcFault.NO_GAS
+    assert "ignition" not in [name for name, _ in bench.events]
+    bench = Bench()
+    bench.source.order_fault(PowerFaultOrder.NO_IGNITION)
+    bench.run_to(ArcPhase.IGNITION)
+    bench.source.order_fault(PowerFaultOrder.NO_GAS)
+    assert bench.until_stopped().fault is ArcFault.NO_GAS
+
+
+@pytest.mark.parametrize(
+    ("phase", "fault"),
+    [(ArcPhase.GAS, ArcFault.UNASKED), (ArcPhase.AFTER_GAS, ArcFault.FLOWS_ON)],
+)
+def test_unasked_current_is_noticed(bench: Bench, phase: ArcPhase, fault: ArcFault) -> None:
+    bench.run_to(phase)
+    bench.source.strike()
+    assert bench.until_stopped().fault is fault
+    assert not bench.flows
+
+
+def test_setting_that_is_not_taken_puts_the_arc_out(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.run_to(ArcPhase.WELDING)
+
+    def refuse(setting: PowerSetting) -> None:
+        raise PowerFault("feed is 30")
+
+    monkeypatch.setattr(bench.source, "set", refuse)
+    with pytest.raises(WeldStopped, match="feed is 30") as caught:
+        bench.arc.set(PowerSetting(30 / 60))
+    assert caught.value.fault is ArcFault.SOURCE
+    assert not bench.flows
+
+
 def test_what_no_device_gave_is_absent() -> None:
     asked: list[str] = []
 

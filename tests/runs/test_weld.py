@@ -1,7 +1,7 @@
 """A weld is looked at, planned again, stopped and gone on with; nothing of it claims to be real."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -17,9 +17,17 @@ from tjscan.core.sourced import NumberSource
 from tjscan.groove.filled import KnownFlanks
 from tjscan.job.weld import read_weld_job
 from tjscan.planning.path import GrooveStations
-from tjscan.power.sequence import ArcFault
-from tjscan.runs.weld.arc import left_to_weld
-from tjscan.runs.weld.journal import ArcMessage, LookMessage
+from tjscan.planning.wps import read_wps
+from tjscan.power.sequence import ArcFault, ArcLimits
+from tjscan.power.simulated import PowerSimulationSettings, SimulatedPowerSource
+from tjscan.recording.journal import RunEvent
+from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, left_to_weld
+from tjscan.runs.weld.journal import (
+    ARC_BEGUN_EVENT,
+    ArcMessage,
+    ArcStretchMessage,
+    LookMessage,
+)
 from tjscan.runs.weld.look import (
     FlanksAlongGroove,
     interpolate_poses,
@@ -32,10 +40,12 @@ from tjscan.runs.weld.results import (
     WELD_LOG_FILE,
     read_recorded_weld,
 )
-from tjscan.runs.weld.run import LookSchedule, WeldContext, resume_weld, run_weld
+from tjscan.runs.weld.run import LookSchedule, Weld, WeldContext, resume_weld, run_weld
+from tjscan.welding.replan import NextBead
 
 ROOT: Final = Path(__file__).parents[2]
 JOB: Final = ROOT / "examples" / "weld.toml"
+REAL_HOSTS: Final = ("192.168.0.50", "welder", "128.0.0.1")
 SHORT: Final = {"scan.length_mm": 80.0, "weld.station_step_mm": 4.0}
 
 
@@ -270,6 +280,73 @@ def test_what_can_not_be_welded_is_refused_before_anything_moves(tmp_path: Path)
         read_weld_job(JOB, {"arm.driver": "ur", "arm.ur.host": "127.0.0.2"})
     with pytest.raises(ConfigurationError, match="direction"):
         read_weld_job(JOB, {"weld.gravity": [0.0, 0.0, 0.0]})
+    for power in ({"power.driver": "modbus", "power.modbus.host": host} for host in REAL_HOSTS):
+        with pytest.raises(ConfigurationError, match="a real arc would burn in one spot"):
+            read_weld_job(JOB, power)
+    with pytest.raises(ConfigurationError, match="a real arc would burn in one spot"):
+        read_weld_job(JOB, {"power.driver": "none"})
+    for host in ("127.0.0.9", "::1", "localhost"):
+        read_weld_job(JOB, {"power.driver": "modbus", "power.modbus.host": host})
     assert tjscan("weld", JOB, "--out", tmp_path / "a", "--weld.wps", "gone.toml") == 2
     assert not (tmp_path / "a").exists()
     assert tjscan("weld", tmp_path, "--resume") == 2
+
+
+class FailingJournal:
+    """Keeps what it is given, and fails once."""
+
+    def __init__(self, fails: Callable[[object], bool]) -> None:
+        self.fails, self.kept = fails, list[object]()
+
+    def record(self, message: object) -> None:
+        if self.fails(message):
+            self.fails = lambda message: False
+            raise OSError("disk full")
+        self.kept.append(message)
+
+
+def bead_along(s: Array) -> NextBead:
+    one, none = np.ones_like(s), np.zeros_like(s)
+    pair = np.zeros((len(s), 2))
+    return NextBead(0, 0, s, pair, pair, one, one, 5e-3 * one, 0.15 * one, none, one, none)
+
+
+@pytest.mark.parametrize(
+    ("fails", "fault"),
+    [
+        (lambda one: isinstance(one, RunEvent) and one.name == "crater", "disk full"),
+        (lambda one: isinstance(one, ArcStretchMessage), ""),
+    ],
+)
+def test_arc_is_out_and_recorded_whatever_fails(
+    fails: Callable[[object], bool], fault: str
+) -> None:
+    clock, journal = SimulatedClock(), FailingJournal(fails)
+    with SimulatedPowerSource(PowerSimulationSettings(), lambda: clock.now) as source:
+        wps = read_wps(ROOT / "examples" / "wps.toml")
+        welder = ArcWelder(source, ArcLimits(), wps, clock, journal, lambda: False, True)
+        with pytest.raises(OSError, match="disk full"):
+            welder.weld(bead_along(np.array((0.0, 0.03))), 0.0, 0.03)
+        assert not source.state().flow
+    arcs = [one for one in journal.kept if isinstance(one, ArcMessage)]
+    assert [one.fault for one in arcs] == [fault]
+    assert arcs[0].end == pytest.approx(0.03, abs=1e-4)
+    assert isinstance(journal.kept[0], RunEvent)
+    assert journal.kept[0].name == ARC_BEGUN_EVENT
+
+
+def weld_without_looks(**context: Any) -> Weld:
+    """A weld whose recording can be replayed; it has no groove."""
+    none: Any = None
+    job = read_weld_job(JOB)
+    return Weld(WeldContext(job, JOB, **context), bent_stations(), none, none, none, [])
+
+
+def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:
+    begun = RunEvent(ARC_BEGUN_EVENT, "bead 1 from 0.0 mm on")
+    weld = weld_without_looks(ask=lambda question: "bead 1 from 0.0 mm" not in question)
+    weld.replay(begun)
+    with pytest.raises(WeldStopped, match="no one knows how far it burned: bead 1"):
+        weld.end_replay()
+    weld.replay(arc(0.0, 0.04))
+    weld.end_replay()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -134,10 +135,23 @@ class WeldJob(ScanJob):
                 "a weld leads the torch of a simulated arm alone: for a real one scan, and write "
                 "its program with 'tjscan plan'",
             )
+        if not self._arc_is_simulated:
+            yield (
+                "power.driver",
+                "a weld leads the torch of a simulated arm alone, and a real arc would burn in one "
+                "spot: take the simulated power source, or a modbus one on this machine (such as "
+                "'tjscan power-loopback')",
+            )
         if self.station:
             yield "station", "a weld is made from one place of the arm: leave [[station]] out"
         if self.joint is None:
             yield "joint", "a simulated weld needs a [joint] table to weld on"
+
+    @property
+    def _arc_is_simulated(self) -> bool:
+        if self.power.driver == "modbus":
+            return _is_this_machine(self.power.driver_settings.host)
+        return self.power.driver_kind is DriverKind.SIMULATED
 
     @property
     def scan_job(self) -> ScanJob:
@@ -145,6 +159,13 @@ class WeldJob(ScanJob):
         return ScanJob.model_construct(
             **{name: getattr(self, name) for name in ScanJob.model_fields}
         )
+
+
+def _is_this_machine(host: str) -> bool:
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def read_weld_job(file: Path, overrides: dict[str, Any] | None = None) -> WeldJob:

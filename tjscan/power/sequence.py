@@ -190,7 +190,10 @@ class ArcSequence:
         """Set the source again while the arc burns, for the segment that the torch has reached."""
         if setting != self._setting:
             self._setting = setting
-            self._source.set(setting)
+            try:
+                self._source.set(setting)
+            except PowerFault as error:
+                self._fail(_fault_of(error), str(error))
 
     def stop(self, reason: str) -> None:
         """Put the arc out at once; raises WeldStopped."""
@@ -217,11 +220,11 @@ class ArcSequence:
         if self.phase is ArcPhase.FAILED:
             return
         waited = sample.time - self._since
+        if self.phase is ArcPhase.IGNITION:
+            self._watch_gas(sample, grace=0.0)
         match self.phase:
             case ArcPhase.GAS:
-                self._watch_gas(sample, grace=self._limits.preflow)
-                if waited >= self._limits.preflow:
-                    self._strike(speed)
+                self._wait_for_gas(sample, waited, speed)
             case ArcPhase.IGNITION if sample.flow:
                 self._enter(ArcPhase.ESTABLISHED, f"current flows after {1e3 * waited:.0f} ms")
             case ArcPhase.IGNITION if waited > self._limits.ignition:
@@ -236,7 +239,17 @@ class ArcSequence:
         if self.phase in BURNING_PHASES:
             self._burn(sample, speed, asked, at_end)
 
+    def _wait_for_gas(self, sample: PowerSample, waited: float, speed: float) -> None:
+        if sample.flow:
+            self._fail(ArcFault.UNASKED, "current flows before the arc was struck")
+        flowed = waited >= self._limits.preflow
+        self._watch_gas(sample, grace=0.0 if flowed else self._limits.preflow)
+        if flowed:
+            self._strike(speed)
+
     def _finish(self, sample: PowerSample, waited: float) -> None:
+        if sample.flow:
+            self._fail(ArcFault.FLOWS_ON, "current flows again after the end")
         if sample.wire_stuck:
             self._fail(ArcFault.WIRE_STUCK, "the wire sticks to the work; free it by hand")
         if waited >= self._limits.postflow:

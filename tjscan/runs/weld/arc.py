@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from time import monotonic, sleep
 from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.core.errors import PowerFault, WeldStopped
+from tjscan.core.errors import WeldStopped
 from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
 from tjscan.power.source import PowerSample, PowerSetting, PowerSource
-from tjscan.recording.journal import Journal, event_recorder
-from tjscan.runs.weld.journal import ArcMessage, ArcStretchMessage
+from tjscan.recording.journal import Journal, RunEvent, event_recorder
+from tjscan.runs.weld.journal import ARC_BEGUN_EVENT, ArcMessage, ArcStretchMessage
 from tjscan.welding.replan import NextBead
 
 CYCLE_TIME: Final = 0.01
@@ -142,18 +143,28 @@ class ArcWelder:
         begin, end : float
             Metres along the groove.
         """
+        where = f"bead {bead.number + 1} from {1e3 * begin:.1f} mm on"
+        self.journal.record(RunEvent(ARC_BEGUN_EVENT, where))
         arc = ArcSequence(self.source, self.limits, event_recorder(self.journal))
-        seen, stopped = _Samples(), None
+        seen, failure = _Samples(), None
         try:
             reached = self._lead(arc, bead, begin, end, seen)
-        except WeldStopped as error:
-            stopped, reached = error, (seen.s or [begin])[-1]
+        except BaseException as error:  # whatever it is: the arc goes out, and what it laid is kept
+            failure, reached = error, (seen.s or [begin])[-1]
             self._settle(arc)
-        message = self._message(bead, begin, reached, seen, "" if stopped is None else str(stopped))
+        fault = "" if failure is None else str(failure) or type(failure).__name__
+        message = self._message(bead, begin, reached, seen, fault)
+        if failure is None or isinstance(failure, WeldStopped):
+            self._record(message, seen)
+            return message, failure
+        with suppress(OSError):
+            self._record(message, seen)
+        raise failure
+
+    def _record(self, message: ArcMessage, seen: _Samples) -> None:
+        self.journal.record(message)
         for row in self._stretches(message, seen):
             self.journal.record(row)
-        self.journal.record(message)
-        return message, stopped
 
     def _lead(
         self, arc: ArcSequence, bead: NextBead, begin: float, end: float, seen: _Samples
@@ -182,18 +193,23 @@ class ArcWelder:
         return s
 
     def _settle(self, arc: ArcSequence) -> None:
-        """Watch an arc that was stopped until no current flows; never raises."""
+        """Put an arc out, and watch it until no current flows; raises no error."""
+        with suppress(Exception):
+            if arc.phase is not ArcPhase.FAILED:
+                arc.stop("the program failed")
         for _ in range(SETTLING_CYCLES):
             self.clock.wait(CYCLE_TIME)
             try:
                 arc.advance(0.0, 0.0)
-            except PowerFault:
+            except Exception:
                 self.source.quench()
             if arc.may_retract:
                 return
-        event_recorder(self.journal)(
-            "retract", "current flows or the wire sticks: free the torch by hand before it moves"
-        )
+        with suppress(OSError):
+            event_recorder(self.journal)(
+                "retract",
+                "current flows or the wire sticks: free the torch by hand before it moves",
+            )
 
     def _message(
         self, bead: NextBead, begin: float, reached: float, seen: _Samples, fault: str

@@ -188,6 +188,9 @@ TOPIC_OF_MESSAGE: Final[dict[type, Topic[Any]]] = {
 WELD_STOP_EVENT: Final = "stop"
 """Name of the event that a weld was stopped."""
 
+ARC_BEGUN_EVENT: Final = "arc begun"
+"""Name of the event that an arc is about to be struck: an `ArcMessage` follows."""
+
 WeldMessage = PlannedBeadMessage | ArcMessage | ArcStretchMessage | LookMessage | RunEvent
 
 

@@ -37,6 +37,7 @@ from tjscan.runs.scan.run import ScanContext, result_frame_of_job, resume_scan, 
 from tjscan.runs.weld import look as looking
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, WallClock, left_to_weld
 from tjscan.runs.weld.journal import (
+    ARC_BEGUN_EVENT,
     WELD_RECORDING,
     WELD_STOP_EVENT,
     ArcMessage,
@@ -236,6 +237,7 @@ class Weld:
     weldable: Mask = field(init=False)
     _bead: NextBead | None = None
     _arcs: list[ArcMessage] = field(default_factory=list)
+    _open_arc: str = ""
     _laid: bool = False
     _arm: ArmState | None = None
     _previous: WeldState | None = None
@@ -358,7 +360,10 @@ class Weld:
                     **{one.name: getattr(message, one.name) for one in fields(NextBead)}
                 )
                 self.weldable = message.weldable > 0
+            case RunEvent(name=name) if name == ARC_BEGUN_EVENT:
+                self._open_arc = message.detail
             case ArcMessage():
+                self._open_arc = ""
                 self._arcs.append(message)
                 self._lay(message)
             case LookMessage():
@@ -370,7 +375,17 @@ class Weld:
                 self._bead = None
 
     def end_replay(self) -> None:
-        """Forget a bead that was planned alone."""
+        """Forget a bead that was planned alone.
+
+        Raises
+        ------
+        WeldStopped
+            If an arc has no recorded end, and no one says that its metal is ground out.
+        """
+        if self._open_arc and not self.context.ask(
+            f"grind out what an arc laid whose end was not recorded ({self._open_arc})"
+        ):
+            raise WeldStopped("arc", f"no one knows how far it burned: {self._open_arc}")
         if not self._arcs:
             self._bead = None
 
