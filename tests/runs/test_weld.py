@@ -339,7 +339,7 @@ def weld_without_looks(**context: Any) -> Weld:
     """A weld whose recording can be replayed; it has no groove."""
     none: Any = None
     job = read_weld_job(JOB)
-    return Weld(WeldContext(job, JOB, **context), bent_stations(), none, none, none, [])
+    return Weld(WeldContext(job, JOB, **context), bent_stations(), none, none, none, none, [])
 
 
 def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:
