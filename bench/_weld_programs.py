@@ -100,6 +100,7 @@ def follow_program(reach: StationReach, way: StationPath, wps: WeldingProcedure)
     runs, on = list[list[Array]](), False
     while told[-1] != "program stopped":
         controller.advance_one_tick()
+        controller.resume_program()  # an operator who releases each layer at once
         before, on = on, bool(controller.digital_outputs >> OUTPUT & 1)
         if on and not before:
             runs.append([])

@@ -241,6 +241,19 @@ def test_an_inclinometer_that_lags_misleads_no_quantity_of_turns(lag: int) -> No
     assert known.x[SlipStateIndex.INCLINOMETER_LAG] == pytest.approx(0.02 * lag, abs=0.05)
 
 
+def test_an_inclinometer_is_taken_to_lag_by_no_less_than_nothing_and_no_more_than_a_second() -> (
+    None
+):
+    estimator = SlipEstimator(GEOMETRY, SlipEstimate.before_any_reading(UNSURE), UNSURE)
+    found = []
+    for angle in (1.0, -1.0):
+        for _ in range(30):
+            estimator.move(TrackOdometry(0.02, 0.3, PERIOD))
+            estimator.read_inertial((), (angle,), PERIOD)
+            found.append(estimator.estimate.x[SlipStateIndex.INCLINOMETER_LAG])
+    assert 0 <= min(found) < max(found) <= 1
+
+
 def test_neither_down_nor_the_bias_of_the_gyro_is_known_for_good() -> None:
     """Plates are not straight, and a bias wanders: after a metre both are unsure again."""
     first = SlipEstimate.before_any_reading(UNSURE)

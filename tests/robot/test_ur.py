@@ -436,7 +436,7 @@ def test_a_stopped_program_is_put_down_to_the_one_who_fell_silent(
     unheard: float, unseen: float, error: type[ArmFault]
 ) -> None:
     zeros = (0.0,) * 6
-    modes = (RobotMode.RUNNING, SafetyMode.NORMAL, PROGRAM_PLAYING + 2)
+    modes = (RobotMode.RUNNING, SafetyMode.NORMAL, PROGRAM_PLAYING + 2, 0)
     state = (True, 1.0, zeros, zeros, zeros, *modes, 1, True, unheard, unseen, None, None)
     fault = fault_from_state(ControllerState(*state))
     assert type(fault) is error

@@ -1,5 +1,6 @@
 """Programs of our own on a controller: run to their end, watched, stopped, outputs left off."""
 
+import socket
 import threading
 from collections.abc import Iterator
 
@@ -19,15 +20,15 @@ END = pose(p=(0.0, 0.0, 0.05)) @ KINEMATICS.forward(HOME)
 OFF = f"def off():\n  set_standard_digital_out({OUTPUT}, False)\nend"
 
 
-def moving(speed: float) -> UrProgram:
-    """Upwards by 50 mm with the output on, at a speed in m/s."""
+def moving(speed: float, before: str = "") -> UrProgram:
+    """Upwards by 50 mm with the output on, at a speed in m/s; after a line of its own."""
     target = ", ".join(f"{x:.9f}" for x in pose_to_vector(END))
     script = (
-        f"def up():\n  set_standard_digital_out({OUTPUT}, True)\n"
+        f"def up():\n{before}  set_standard_digital_out({OUTPUT}, True)\n"
         f"  movel(p[{target}], a=0.5, v={speed})\n"
         f"  set_standard_digital_out({OUTPUT}, False)\nend"
     )
-    return UrProgram(script, END, OFF)
+    return UrProgram(script, END, OFF, OUTPUT)
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +67,40 @@ def test_a_program_that_somebody_else_ends_is_told_from_one_that_came_to_its_end
 ) -> None:
     with arm_at(loopback.host) as arm, pytest.raises(PoseNotReached, match="the program ended"):
         arm.run_program(moving(0.002), lambda: loopback.schedule_fault("stop-program"))
+    assert not output_is_on(loopback.host, OUTPUT)
+
+
+def tell_dashboard(host: str, line: str) -> None:
+    with socket.create_connection((host, 29999), 5) as link, link.makefile("rw") as words:
+        words.readline()
+        words.write(f"{line}\n")
+        words.flush()
+        words.readline()
+
+
+def test_a_program_that_holds_goes_on_once_it_is_let(loopback: UrLoopbackProcess) -> None:
+    """And the operator takes longer than the controller waits for a sign of life."""
+    operator = threading.Timer(1.5, tell_dashboard, (loopback.host, "play"))
+    hold = '  sleep(0.2)\n  popup("go on", blocking=True)\n'
+    with arm_at(loopback.host) as arm:
+        arm.run_program(moving(0.1, hold), operator.start)
+    operator.join()
+    assert not output_is_on(loopback.host, OUTPUT)
+
+
+def test_a_hold_is_ended_by_a_stop(loopback: UrLoopbackProcess) -> None:
+    hold = '  sleep(0.2)\n  popup("go on", blocking=True)\n'
+    with arm_at(loopback.host) as arm:
+        stopper = threading.Timer(0.5, arm.stop)
+        with pytest.raises(ArmFault, match="stopped on its way"):
+            arm.run_program(moving(0.1, hold), stopper.start)
+        stopper.join()
+
+
+def test_a_pause_with_the_output_on_ends_the_program(loopback: UrLoopbackProcess) -> None:
+    """An arc that burns on in one place is no pause."""
+    with arm_at(loopback.host) as arm, pytest.raises(PoseNotReached, match="the program ended"):
+        arm.run_program(moving(0.002), lambda: tell_dashboard(loopback.host, "pause"))
     assert not output_is_on(loopback.host, OUTPUT)
 
 

@@ -64,6 +64,7 @@ def followed(run: Path, number: int) -> tuple[Array, Array]:
     tips, outputs = [], []
     while told[-1] != "program stopped":
         controller.advance_one_tick()
+        controller.resume_program()  # a layer is released at once
         tips.append((arm.forward(controller.q) @ tcp)[:3, 3])
         outputs.append(bool(controller.digital_outputs >> OUTPUT & 1))
     assert not [line for line in told if "failed" in line]

@@ -50,6 +50,8 @@ def test_unknown_and_missing_keys_are_refused() -> None:
             )
     with pytest.raises(BadMessage):
         StateMessage.from_json(json.dumps({**values, "proximity": [0.03]}).encode())
+    with pytest.raises(BadMessage, match="push"):
+        StateMessage.from_json(json.dumps({**values, "push": [12.5, -3.0]}).encode())
 
 
 @given(st.binary(max_size=100))

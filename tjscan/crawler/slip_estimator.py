@@ -259,6 +259,9 @@ INERTIAL_MEAN_TIME: Final = 1.0
 """Seconds over which what an inertial sensor is off by is averaged: no drive takes so long to do
 what it is asked for, and a gyro's noise is small by then."""
 
+LONGEST_INCLINOMETER_LAG: Final = 1.0
+"""Seconds: none is damped for longer, and none is ahead of the turn."""
+
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
 
@@ -557,6 +560,7 @@ class SlipEstimator:
             H[lag] = self._damped_turn
             off = remainder(angle - float(H @ self.estimate.x), tau)
             misfits[1] = self._correct_inertially(off, H, own.down**2, period)
+            self.estimate.x[lag] = min(max(self.estimate.x[lag], 0.0), LONGEST_INCLINOMETER_LAG)
         return misfits[0], misfits[1]
 
     def _correct_inertially(self, off: float, H: Array, variance: float, period: float) -> float:

@@ -127,10 +127,11 @@ class LoopbackController:
         if self._wall - self._heard > self.patience and not self.deaf:
             self.stop_program()  # the watchdog that the client has set: no one writes any more
         self.history.append(self.q)
-        if self._motion is not None:
-            self._advance(self._motion, step * self.speed_fraction)
-        elif self._drive is not None:
-            self._turn_joints(self._drive, step * self.speed_fraction)
+        if self.runtime is not ProgramState.PAUSED:
+            if self._motion is not None:
+                self._advance(self._motion, step * self.speed_fraction)
+            elif self._drive is not None:
+                self._turn_joints(self._drive, step * self.speed_fraction)
         if self.runtime is not ProgramState.PAUSED and self._programs.run_tick():
             self.stop_program()
         if self._is_let_go:
@@ -254,9 +255,20 @@ class LoopbackController:
         if reason:
             self.report_line(f"protective stop: {reason}")
         self.safety, self._stopped_at = SafetyState.PROTECTIVE_STOP, self.time
-        if self._programs.running:
-            self.runtime = ProgramState.PAUSED
+        self.pause_program()
         self.stop_instantly()
+
+    def pause_program(self) -> None:
+        """Pause the program, if one runs, and its motion."""
+        if self._programs.running:
+            self.runtime, self.speed = ProgramState.PAUSED, np.zeros(6)
+
+    def resume_program(self) -> bool:
+        """Let a paused program go on; whether there is one that may."""
+        resumes = self.runtime is ProgramState.PAUSED and self.safety is SafetyState.NORMAL
+        if resumes:
+            self.runtime = ProgramState.PLAYING
+        return resumes
 
     # Motion and faults
 

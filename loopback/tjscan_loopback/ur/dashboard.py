@@ -45,6 +45,8 @@ class DashboardServer:
             ),
             "programstate": lambda: f"{controller.runtime.name} loopback",
             "stop": self._stop,
+            "pause": self._pause,
+            "play": self._play,
             "power on": lambda: self._power(RobotPower.IDLE, "Powering on"),
             "brake release": lambda: self._power(RobotPower.RUNNING, "Brake releasing"),
             "power off": lambda: self._power(RobotPower.POWER_OFF, "Powering off"),
@@ -67,6 +69,14 @@ class DashboardServer:
             return "Failed to execute: stop"
         self._controller.stop_program()
         return "Stopped"
+
+    def _pause(self) -> str:
+        self._controller.pause_program()
+        return "Pausing program"
+
+    def _play(self) -> str:
+        resumed = self._controller.resume_program()
+        return "Starting program" if resumed else "Failed to execute: play"
 
     def _power(self, mode: RobotPower, answer: str) -> str:
         self._controller.set_power(mode)

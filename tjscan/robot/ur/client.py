@@ -31,6 +31,7 @@ RTDE_OUTPUTS: Final = [
     "robot_mode",
     "safety_mode",
     "runtime_state",
+    "actual_digital_output_bits",
 ]
 PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
 """Older controllers have no such outputs."""
@@ -128,6 +129,7 @@ class RtdeClient:
             robot_mode=receive.getRobotMode(),
             safety_mode=receive.getSafetyMode(),
             runtime_state=receive.getRuntimeState(),
+            outputs=receive.getActualDigitalOutputBits(),
             operation=status.operationId(),
             moving=status.isAsyncOperationRunning(),
             unheard=self._sent.longest_until(moment) if self._watched else 0.0,

@@ -44,6 +44,9 @@ WATCHDOG_PERIOD: Final = 1.0
 PROGRAM_PLAYING = 2
 """Runtime state of a program that runs."""
 
+PROGRAM_WAITING: Final = (4, 5)
+"""Runtime states of one that is paused, as by a popup that waits for a person, or resumes."""
+
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
@@ -61,6 +64,8 @@ class ControllerState:
         Pose of the active TCP in frame b: metres and a rotation vector.
     robot_mode, safety_mode, runtime_state : int
         As RTDE numbers them.
+    outputs : int
+        Digital outputs, a bit each.
     operation : int
         Number of the latest asynchronous move.
     moving : bool
@@ -81,6 +86,7 @@ class ControllerState:
     robot_mode: int
     safety_mode: int
     runtime_state: int
+    outputs: int
     operation: int
     moving: bool
     unheard: float

@@ -21,7 +21,12 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import JointTrajectory
-from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD, ControllerState
+from tjscan.robot.ur.messages import (
+    PROGRAM_PLAYING,
+    PROGRAM_WAITING,
+    WATCHDOG_PERIOD,
+    ControllerState,
+)
 from tjscan.robot.ur.session import ControllerSession
 
 SHORTEST_LINE_LENGTH: Final = 1e-6
@@ -259,11 +264,19 @@ class UrProgram:
     leave : str
         Another program, that is run if this one does not come to its end: to switch off what it
         has switched on.
+    output : int
+        Number of the standard digital output that it switches: while that is on, it never pauses.
     """
 
     script: str
     T_b_tcp: Array
     leave: str
+    output: int
+
+    def goes_on(self, now: ControllerState) -> bool:
+        """Whether it runs, or waits for a person with its output off."""
+        waits = now.runtime_state in PROGRAM_WAITING and not now.outputs >> self.output & 1
+        return waits or now.runtime_state == PROGRAM_PLAYING
 
 
 def run_program(
@@ -300,7 +313,7 @@ def run_program(
         _await_program_state(session, runs=True)
         session.call_client_method(NoneType, "feed_foreign_watchdog")
         started()
-        while session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING:
+        while program.goes_on(session.read_state(beside_program=True)):
             if session.latch.wait_for_stop(PROGRAM_POLL_PERIOD):
                 raise errors.ArmFault(
                     "the program was stopped on its way. See that the way is clear."

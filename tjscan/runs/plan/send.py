@@ -145,4 +145,4 @@ def send_program(
     with CollisionCheckedArm(device, clearance, wps.torch.tcp.T, lifts=table.lifts) as checked:
         start = path.beads[0].approach[0] @ inverse_pose(wps.torch.tcp.T)
         checked.move_joint_to_pose(start, near=np.asarray(path.q))
-        device.run_program(UrProgram(script, T_b_tcp, off), started)
+        device.run_program(UrProgram(script, T_b_tcp, off, switch.output), started)

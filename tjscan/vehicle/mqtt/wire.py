@@ -171,6 +171,8 @@ class StateMessage(WireMessage):
     def __post_init__(self) -> None:
         if len(self.proximity) not in (0, len(PROXIMITY_CORNERS)):
             raise ValueError(f"proximity holds {len(PROXIMITY_CORNERS)} distances or none")
+        if len(self.push) not in (0, 3):
+            raise ValueError("push holds two forces and a moment or nothing")
 
     @classmethod
     def of_state(

@@ -101,8 +101,11 @@ class ControllerWords:
         warning: Any = False,
         error: Any = False,
         blocking: Any = False,
-    ) -> None:
-        """Show a message on the pendant; there is none here, and it counts as closed at once."""
+    ) -> Iterator[None]:
+        """Show a message on the pendant: one that blocks pauses the program until ``play``."""
+        if blocking:
+            self._host.pause_program()
+            yield
 
     # Registers and outputs
 

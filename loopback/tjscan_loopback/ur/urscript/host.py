@@ -67,6 +67,10 @@ class ScriptHost(Protocol):
         """Stop at once."""
         ...
 
+    def pause_program(self) -> None:
+        """Pause the program, with the arm at rest, until somebody lets it go on."""
+        ...
+
     def protective_stop(self, reason: str = "") -> None:
         """Stop as the safety system does, for a reason, until it is unlocked."""
         ...
