@@ -36,7 +36,7 @@ add_commands_of_packages()  # as the program does for one that it does not know
 RUN: Final = {
     r"tjscan init \w+": (),
     r"tjscan schema": (),
-    r"tjscan scan paper.toml": ("--scan.sections", "4"),
+    r"tjscan scan paper.toml": ("--scan.sections", "6"),
     r"tjscan scan (?!paper.toml|--resume)(?!.*(--live|driver|calibration.file))": ("--dry-run",),
     r"tjscan doctor": (),
     r"tjscan teach .*--lead-mm": (),

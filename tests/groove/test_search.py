@@ -205,6 +205,21 @@ def test_a_value_that_stands_for_no_point_costs_none(far: float) -> None:
     np.testing.assert_allclose(read_groove(Profile(x, z)).points_s, expected, atol=0.05 * MM)
 
 
+@pytest.mark.parametrize("compiled", [kernel.compiled, None])
+@pytest.mark.parametrize("tiny", [1e-300, 1e-9, 1e-3])
+def test_tiny_depths_are_no_points(
+    tiny: float, compiled: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernel, "compiled", compiled)
+    profile = draw(Groove(), Noise(0.03 * MM), 1)
+    points = []
+    for depth in (np.nan, tiny):
+        z = profile.z_s.copy()
+        z[::40] = depth
+        points.append(read_groove(Profile(profile.x_s, z)).points_s)
+    np.testing.assert_array_equal(points[0], points[1])
+
+
 @pytest.mark.parametrize("x", [0.0, 0.01, -0.03])
 def test_all_points_on_one_ray_are_refused(x: float) -> None:
     for z in (np.full(640, 0.24), np.linspace(0.2, 0.3, 640)):

@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
@@ -12,22 +13,25 @@ from command import tjscan
 
 from tjscan.core.errors import ConfigurationError, WeldStopped
 from tjscan.core.frames import Array
-from tjscan.core.sourced import NumberSource
+from tjscan.core.sourced import NumberSource, SourcedNumber
 from tjscan.job.weld import read_weld_job
 from tjscan.planning.path import GrooveStations
 from tjscan.planning.wps import read_wps
 from tjscan.power.sequence import ArcFault, ArcLimits
 from tjscan.power.simulated import PowerSimulationSettings, SimulatedPowerSource
+from tjscan.power.source import PowerSample
 from tjscan.recording.journal import RunEvent
-from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, left_to_weld
+from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, _Samples, left_to_weld
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
     ArcMessage,
     ArcStretchMessage,
     LookMessage,
+    PlannedBeadMessage,
 )
 from tjscan.runs.weld.look import (
     SteelBefore,
+    SurfaceLook,
     interpolate_poses,
     place_in_sections,
     surface_of_profiles,
@@ -195,6 +199,7 @@ def test_every_number_of_the_log_has_a_source(welded: Path) -> None:
     assert log["interpass_temperature"] == {"value": None, "unit": "C", "source": "absent"}
     rows = [row for bead in log["beads"] for row in bead["stretches"]]
     assert {row["current"]["source"] for row in rows} == {"simulated"}
+    assert "measured" not in json.dumps(log)
     assert {row["current"]["value"] for row in rows} & {0.0, None} == set()
     assert {"job.toml", "wps.toml", "weld.mcap", "weld-2.mcap"} <= set(log["sha256"])
 
@@ -219,6 +224,7 @@ def test_last_look_is_held_against_limits_and_complies_with_nothing(
     beyond = any(row["state"] == "beyond" for row in found["rows"])
     assert code == (3 if beyond else 0)
     assert not list(numbers_without_source(found))
+    assert {row["value"]["source"] for row in found["rows"]} == {"simulated"}
     assert "compl" not in said.out + said.err
 
 
@@ -294,9 +300,125 @@ def test_arc_is_out_and_recorded_whatever_fails(
 
 def weld_without_looks(**context: Any) -> Weld:
     """A weld whose recording can be replayed; it has no groove."""
+    of_groove: dict[str, Any] = {
+        one.name: None
+        for one in fields(Weld)
+        if one.init and one.default is MISSING and one.default_factory is MISSING
+    }
+    of_groove |= {
+        "context": WeldContext(read_weld_job(JOB), JOB, **context),
+        "stations": bent_stations(),
+    }
+    return Weld(**of_groove)
+
+
+class CountingPlanner:
+    """Counts the beads that are laid, and plans the next."""
+
+    def __init__(self) -> None:
+        self.done = 0
+
+    def next_bead(self) -> NextBead:
+        return replace(bead_along(bent_stations().s), number=self.done)
+
+    def after_bead(self, bead: NextBead, weldable: Any = None) -> None:
+        assert bead.number == self.done
+        self.done += 1
+
+    def take_look(self, *seen: Any) -> None:
+        pass
+
+
+def planned(number: int, weldable: float = 1.0, *, dry: bool = False) -> PlannedBeadMessage:
+    bead = replace(bead_along(bent_stations().s), number=number)
+    values = {one.name: getattr(bead, one.name) for one in fields(NextBead)}
+    return PlannedBeadMessage(**values, weldable=np.full(len(bead.s), weldable), dry=dry)
+
+
+def replayed(*messages: object) -> Weld:
+    weld = weld_without_looks()
+    planner: Any = CountingPlanner()
+    weld.planner = planner
+    for message in messages:
+        weld.replay(message)
+    weld.end_replay()
+    return weld
+
+
+def test_dry_run_over_a_half_welded_bead_welds_nothing() -> None:
+    dry = [planned(number, dry=True) for number in range(3)]
+    weld = replayed(planned(0), arc(0.0, 0.04), *dry)
+    assert weld.planner is not None
+    assert weld.planner.done == 0
+    assert list(weld.stretches_left(weld.planner.next_bead())) == [pytest.approx((0.03, 0.2))]
+
+
+def test_bead_on_which_nothing_could_be_welded_counts_after_a_resume() -> None:
+    weld = replayed(planned(0, 0.0), planned(1), arc(0.0, 0.04))
+    assert weld.planner is not None
+    assert weld.planner.done == 1
+    assert replayed(planned(0), planned(0)).planner.done == 0  # type: ignore[union-attr]
+
+
+def test_stretch_too_short_for_an_arc_is_not_weldable() -> None:
+    weld, s = replayed(), bent_stations().s
+    read = (s > 0.08) | (s < 0.01)
+    u = np.linspace(-0.02, 0.02, 5)
+    weld._take_look(SurfaceLook(u, np.zeros((len(s), 5)), np.zeros(len(s)), read))
+    assert (weld.weldable == (s > 0.08)).all()
+
+
+def test_operator_stops_a_dry_run() -> None:
+    weld = replayed()
+    order: Any = SimpleNamespace(counts=(3,))
+    weld.order, weld.context.stop.ends_after_section = order, True
+    with pytest.raises(WeldStopped, match="by the operator"):
+        weld.plan_all(FailingJournal(lambda message: False))
+
+
+def test_heat_input_without_voltage_is_believed_and_time_is_the_samples() -> None:
+    samples = [
+        PowerSample(
+            time=0.02 * k,
+            flow=True,
+            source=NumberSource.MEASURED,
+            current=SourcedNumber(250.0, NumberSource.MEASURED),
+        )
+        for k in range(3)
+    ]
+    seen = _Samples([0.001, 0.002, 0.003], [5e-3] * 3, [0.15] * 3, samples)
     none: Any = None
-    job = read_weld_job(JOB)
-    return Weld(WeldContext(job, JOB, **context), bent_stations(), none, none, none, [])
+    wps = read_wps(ROOT / "examples" / "wps.toml")
+    welder = ArcWelder(none, ArcLimits(), wps, none, none, none, simulated=False)
+    message = welder._message(bead_along(np.array((0.0, 0.03))), 0.0, 0.003, seen, "")
+    assert message.seconds == pytest.approx(0.04)
+    (row,) = welder._stretches(message, seen)
+    assert row.heat_input.source is NumberSource.BELIEVED
+    assert row.current.source is NumberSource.MEASURED
+
+
+def test_second_ignition_needs_room_and_names_its_gap() -> None:
+    weld, journal = replayed(), FailingJournal(lambda message: False)
+    no_ignition = WeldStopped(ArcFault.NO_IGNITION, "none")
+
+    class Welder:
+        def __init__(self) -> None:
+            self.journal, self.begins = journal, list[float]()
+
+        def weld(self, bead: Any, begin: float, end: float) -> tuple[ArcMessage, Any]:
+            self.begins.append(begin)
+            return arc(begin, begin), no_ignition if len(self.begins) == 1 else None
+
+    bead, short, long = bead_along(bent_stations().s), Welder(), Welder()
+    welders: Any = (short, long)
+    with pytest.raises(WeldStopped, match="none"):
+        weld._weld_stretch(welders[0], bead, 0.1, 0.1015)
+    weld._weld_stretch(welders[1], bead, 0.1, 0.2)
+    assert short.begins == [0.1]
+    assert long.begins == pytest.approx([0.1, 0.102])
+    assert [one.name for one in journal.kept if isinstance(one, RunEvent)] == ["gap"]
+    with pytest.raises(ConfigurationError, match="overlap"):
+        read_weld_job(JOB, {"weld.overlap_mm": 1.0})
 
 
 def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:

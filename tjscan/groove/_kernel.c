@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KERNEL_VERSION 1
+#define KERNEL_VERSION 2
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -2552,10 +2552,10 @@ static Py_ssize_t order(const double *x, const double *z, Py_ssize_t n, double *
         for (Py_ssize_t i = 1; i < count / 2; i++) before = larger(before, work[i]);
         middle = 0.5 * (before + middle);
     }
-    const double farthest = FARTHEST_POINT_RATIO * middle;
+    const double farthest = FARTHEST_POINT_RATIO * middle, nearest = middle / FARTHEST_POINT_RATIO;
     count = 0;
     for (Py_ssize_t i = 0; i < n; i++) {
-        if (!(isfinite(x[i]) && z[i] > 0 && z[i] < farthest && fabs(x[i]) < farthest)) continue;
+        if (!(isfinite(x[i]) && z[i] > nearest && z[i] < farthest && fabs(x[i]) < farthest)) continue;
         const Bearing own = {-x[i] / z[i], i};
         rising &= !count || bearings[count - 1].u <= own.u;
         falling &= !count || bearings[count - 1].u > own.u;

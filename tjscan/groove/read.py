@@ -36,7 +36,7 @@ SURE_LENGTH_SIGMAS: Final = 2.5
 than nothing."""
 
 FARTHEST_POINT_RATIO: Final = 4.0
-"""Points farther from the sensor than this many times the median depth are none."""
+"""Points at more than this many times the median depth, or less than that share, are none."""
 
 CONTRADICTION_SIGMAS: Final = 2.5
 """Standard deviations from which a profile contradicts what is expected of its bends."""
@@ -137,9 +137,10 @@ def _columns_by_bearing(profile: Profile) -> Index:
         return found[: kernel.compiled.order_points(profile.x_s, profile.z_s, work, found)]
     # Many sensors write a zero where they see nothing; and nothing is seen behind them.
     valid = profile.valid & (profile.z_s > 0)
-    # Others write a far value: no laser line is several times as far away as its middle.
-    farthest = FARTHEST_POINT_RATIO * float(np.median(profile.z_s[valid])) if valid.any() else 0.0
-    valid &= (profile.z_s < farthest) & (np.abs(profile.x_s) < farthest)
+    # Others write a far or a tiny value: no laser line reaches that far from its middle.
+    middle = float(np.median(profile.z_s[valid])) if valid.any() else 0.0
+    nearest, farthest = middle / FARTHEST_POINT_RATIO, middle * FARTHEST_POINT_RATIO
+    valid &= (profile.z_s > nearest) & (np.maximum(profile.z_s, np.abs(profile.x_s)) < farthest)
     columns = np.flatnonzero(valid)
     bearings = -profile.x_s[columns] / profile.z_s[columns]
     return columns[np.argsort(bearings, kind="stable")]
