@@ -13,8 +13,10 @@ from _steel import FILLED, GROOVES, NO_GROOVE, Fault, shoot
 import tjscan.groove
 from tjscan.core.errors import GrooveNotFound
 from tjscan.groove import kernel
+from tjscan.groove.pieces import ProjectivePoints, find_pieces
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.read import read_groove
+from tjscan.groove.reflections import find_runs
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
@@ -75,6 +77,28 @@ def test_the_compiled_loops_give_what_numpy_gives(fault: Fault) -> None:
     kernel.compiled = before
     bent = GroovePrior(bends=np.array((0.0, 1.5)), bend_sigmas=np.array((0.3, 0.2)))
     assert_same(*read_both_ways(Profile(points[:, 0], points[:, 1]), bent))
+
+
+@pytest.mark.usefixtures("sources")
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e200])
+def test_pieces_of_points_that_are_none_are_found_in_the_same_way(wrong: float) -> None:
+    u, z = np.linspace(-0.5, 0.5, 400), np.full(400, 0.2)
+    y = 5 + np.abs(u)
+    y[100:103] = wrong
+    found = []
+    for compiled in (kernel.compiled, None):
+        kernel.compiled = compiled
+        points = ProjectivePoints(u, y, z, 5e-5)
+        runs = find_runs(np.column_stack((-u * z, z)), np.arange(400))
+        with np.errstate(all="ignore"):
+            found.append(find_pieces(points, runs))
+    np.testing.assert_array_equal(found[0].first, found[1].first)
+    np.testing.assert_array_equal(found[0].stop, found[1].stop)
+
+
+def test_columns_without_their_number_are_refused() -> None:
+    with pytest.raises(ValueError, match="column_count"):
+        Profile(np.zeros(3), np.ones(3), columns=np.arange(3))
 
 
 def test_constants_of_the_compiled_loops_have_the_values_that_they_have_in_python() -> None:

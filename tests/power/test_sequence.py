@@ -296,3 +296,23 @@ def test_arc_that_no_one_strikes_is_none() -> None:
         with pytest.raises(PowerFault, match="not struck by hand"):
             source.strike()
         assert not source.state().flow
+
+
+def test_arc_by_hand_burns_until_its_end_is_confirmed() -> None:
+    answers: list[bool | None] = [True, False, None, True]
+
+    def ask(what: str) -> bool:
+        answer = answers.pop(0)
+        if answer is None:
+            raise KeyboardInterrupt
+        return answer
+
+    with ManualPowerSource(ask) as source:
+        source.strike()
+        for flows in (True, True, False):  # "no", Ctrl-C, "yes"
+            source.quench()
+            assert source.state().flow is flows
+    with ManualPowerSource(lambda what: ask(what)) as source:
+        answers.append(None)
+        with pytest.raises(PowerFault, match="not struck by hand"):
+            source.strike()

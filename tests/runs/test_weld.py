@@ -2,34 +2,41 @@
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
 import pytest
 from command import tjscan
+from grooves import Groove, Noise, draw
 
 from tjscan.core.errors import ConfigurationError, WeldStopped
-from tjscan.core.frames import Array
-from tjscan.core.sourced import NumberSource
+from tjscan.core.frames import Array, pose
+from tjscan.core.sourced import NumberSource, SourcedNumber
+from tjscan.groove.filled import KnownFlanks
 from tjscan.job.weld import read_weld_job
 from tjscan.planning.path import GrooveStations
 from tjscan.planning.wps import read_wps
 from tjscan.power.sequence import ArcFault, ArcLimits
 from tjscan.power.simulated import PowerSimulationSettings, SimulatedPowerSource
+from tjscan.power.source import PowerSample
 from tjscan.recording.journal import RunEvent
-from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, left_to_weld
+from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, _Samples, left_to_weld
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
     ArcMessage,
     ArcStretchMessage,
     LookMessage,
+    PlannedBeadMessage,
 )
 from tjscan.runs.weld.look import (
-    SteelBefore,
+    FlanksAlongGroove,
+    SurfaceLook,
     interpolate_poses,
     place_in_sections,
+    read_steel,
     surface_of_profiles,
 )
 from tjscan.runs.weld.results import (
@@ -105,27 +112,67 @@ def test_points_are_placed_along_a_bent_groove() -> None:
     assert np.isnan(before).all()
 
 
-def test_look_gives_the_surface_and_leaves_out_mirror_images() -> None:
+def straight_flanks() -> tuple[FlanksAlongGroove, KnownFlanks]:
+    """Of a groove along y, and what is known of it in each plane across."""
+    groove = Groove()
+    wall, _, _, leg = groove.directions
+    p2, p3, p4 = groove.corners
+    g = p2 + wall * np.linalg.solve(np.column_stack((wall, -leg)), p4 - p2)[0]
+    s = np.linspace(0.0, 0.2, 11)
+    corners = np.zeros((11, 4, 3))
+    corners[:, :, [0, 2]] = p3, p4, g, p2
+    corners[:, :, 1] = s[:, None]
+    known = KnownFlanks(groove.corners, wall, leg, np.zeros(2))
+    return FlanksAlongGroove(s, corners, s[[0, -1]], np.zeros((2, 2))), known
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_flanks_are_carried_into_the_plane_of_a_profile(way: float) -> None:
+    flanks, known = straight_flanks()
+    turned = replace(flanks, corners=flanks.corners * (1.0, way, 1.0))
+    found = turned.known_in(pose(np.eye(3), np.array((0.0, 0.0513 * way, 0.0))))
+    assert found.corners == pytest.approx(known.corners, abs=1e-12)
+    assert found.wall == pytest.approx(known.wall, abs=1e-12)
+    assert found.leg == pytest.approx(known.leg, abs=1e-12)
+
+
+def test_steel_of_a_profile_lies_where_the_sensor_was() -> None:
+    flanks, _ = straight_flanks()
+    profile, at = draw(Groove(), Noise(sigma=0.03e-3)), np.array((0.0, 0.0513, 0.0))
+    points, sigmas = read_steel(profile, flanks, pose(np.eye(3), at))
+    assert points[:, 1] == pytest.approx(0.0513)
+    assert len(points) == len(sigmas) > 0.9 * profile.valid.sum()
+    off = np.abs(points[:, None, [0, 2]] - profile.points[profile.valid]).max(axis=2)
+    assert off.min(axis=1).max() < 1e-12
+
+
+def test_no_steel_is_seen_where_another_groove_is() -> None:
+    flanks, _ = straight_flanks()
+    points, sigmas = read_steel(draw(Groove(), Noise()), flanks, pose(np.eye(3), (0.008, 0.05, 0)))
+    assert points.shape == (0, 3)
+    assert len(sigmas) == 0
+
+
+def test_look_gives_the_surface_though_a_profile_is_misled() -> None:
     stations, fine = bent_stations(), np.linspace(-0.025, 0.025, 301)
     profiles = []
-    rng = np.random.default_rng(33)
-    for at in np.arange(0.0, 0.2, 4e-3):
+    for k, at in enumerate(np.arange(0.0, 0.2, 1e-3)):
         points = bent_points(stations, at, fine)
-        ghosts = rng.choice(len(fine), 6, replace=False)
-        points[ghosts] -= (0.0, 0.0, 0.012)
-        profiles.append(points)
+        if k % 5 == 3:
+            points[100:160] += (0.0, 0.0, 0.003)
+        profiles.append((points, np.full(len(fine), 0.03e-3)))
     u, toes = np.linspace(-0.022, 0.022, 177), np.tile((-0.02, 0.02), (101, 1))
-    hidden = [one for k, one in enumerate(profiles) if not 20 <= k < 26]
-    before = SteelBefore.of_corners(stations)
+    refused = np.empty((0, 3)), np.empty(0)
+    hidden = [one if not 80 <= k < 104 else refused for k, one in enumerate(profiles)]
     for taken in (profiles, hidden):
-        found = surface_of_profiles(stations, taken, u, toes, 4e-3, before)
-        rows = found.read & (stations.s > 0.004) & (stations.s < 0.19)
+        found = surface_of_profiles(stations, taken, u, toes, 4e-3)
+        rows = found.read & (stations.s > 0.006) & (stations.s < 0.19)
         off = np.abs(found.w - surface_height(u))[rows]
         assert np.percentile(off, 99) < 0.1e-3
+        assert found.sigma[rows] == pytest.approx(0.03e-3)
     unread = stations.s[~found.read]
-    assert unread.min() > 0.075
-    assert unread[unread < 0.19].max() < 0.105
-    assert len(unread) > 5
+    assert 0.08 < unread.min() < 0.088
+    assert 0.096 < unread[unread < 0.19].max() < 0.104
 
 
 def test_way_of_a_look_has_the_scan_s_poses_in_it() -> None:
@@ -195,6 +242,7 @@ def test_every_number_of_the_log_has_a_source(welded: Path) -> None:
     assert log["interpass_temperature"] == {"value": None, "unit": "C", "source": "absent"}
     rows = [row for bead in log["beads"] for row in bead["stretches"]]
     assert {row["current"]["source"] for row in rows} == {"simulated"}
+    assert "measured" not in json.dumps(log)
     assert {row["current"]["value"] for row in rows} & {0.0, None} == set()
     assert {"job.toml", "wps.toml", "weld.mcap", "weld-2.mcap"} <= set(log["sha256"])
 
@@ -219,6 +267,7 @@ def test_last_look_is_held_against_limits_and_complies_with_nothing(
     beyond = any(row["state"] == "beyond" for row in found["rows"])
     assert code == (3 if beyond else 0)
     assert not list(numbers_without_source(found))
+    assert {row["value"]["source"] for row in found["rows"]} == {"simulated"}
     assert "compl" not in said.out + said.err
 
 
@@ -294,9 +343,125 @@ def test_arc_is_out_and_recorded_whatever_fails(
 
 def weld_without_looks(**context: Any) -> Weld:
     """A weld whose recording can be replayed; it has no groove."""
+    of_groove: dict[str, Any] = {
+        one.name: None
+        for one in fields(Weld)
+        if one.init and one.default is MISSING and one.default_factory is MISSING
+    }
+    of_groove |= {
+        "context": WeldContext(read_weld_job(JOB), JOB, **context),
+        "stations": bent_stations(),
+    }
+    return Weld(**of_groove)
+
+
+class CountingPlanner:
+    """Counts the beads that are laid, and plans the next."""
+
+    def __init__(self) -> None:
+        self.done = 0
+
+    def next_bead(self) -> NextBead:
+        return replace(bead_along(bent_stations().s), number=self.done)
+
+    def after_bead(self, bead: NextBead, weldable: Any = None) -> None:
+        assert bead.number == self.done
+        self.done += 1
+
+    def take_look(self, *seen: Any) -> None:
+        pass
+
+
+def planned(number: int, weldable: float = 1.0, *, dry: bool = False) -> PlannedBeadMessage:
+    bead = replace(bead_along(bent_stations().s), number=number)
+    values = {one.name: getattr(bead, one.name) for one in fields(NextBead)}
+    return PlannedBeadMessage(**values, weldable=np.full(len(bead.s), weldable), dry=dry)
+
+
+def replayed(*messages: object) -> Weld:
+    weld = weld_without_looks()
+    planner: Any = CountingPlanner()
+    weld.planner = planner
+    for message in messages:
+        weld.replay(message)
+    weld.end_replay()
+    return weld
+
+
+def test_dry_run_over_a_half_welded_bead_welds_nothing() -> None:
+    dry = [planned(number, dry=True) for number in range(3)]
+    weld = replayed(planned(0), arc(0.0, 0.04), *dry)
+    assert weld.planner is not None
+    assert weld.planner.done == 0
+    assert list(weld.stretches_left(weld.planner.next_bead())) == [pytest.approx((0.03, 0.2))]
+
+
+def test_bead_on_which_nothing_could_be_welded_counts_after_a_resume() -> None:
+    weld = replayed(planned(0, 0.0), planned(1), arc(0.0, 0.04))
+    assert weld.planner is not None
+    assert weld.planner.done == 1
+    assert replayed(planned(0), planned(0)).planner.done == 0  # type: ignore[union-attr]
+
+
+def test_stretch_too_short_for_an_arc_is_not_weldable() -> None:
+    weld, s = replayed(), bent_stations().s
+    read = (s > 0.08) | (s < 0.01)
+    u = np.linspace(-0.02, 0.02, 5)
+    weld._take_look(SurfaceLook(u, np.zeros((len(s), 5)), np.zeros(len(s)), read))
+    assert (weld.weldable == (s > 0.08)).all()
+
+
+def test_operator_stops_a_dry_run() -> None:
+    weld = replayed()
+    order: Any = SimpleNamespace(counts=(3,))
+    weld.order, weld.context.stop.ends_after_section = order, True
+    with pytest.raises(WeldStopped, match="by the operator"):
+        weld.plan_all(FailingJournal(lambda message: False))
+
+
+def test_heat_input_without_voltage_is_believed_and_time_is_the_samples() -> None:
+    samples = [
+        PowerSample(
+            time=0.02 * k,
+            flow=True,
+            source=NumberSource.MEASURED,
+            current=SourcedNumber(250.0, NumberSource.MEASURED),
+        )
+        for k in range(3)
+    ]
+    seen = _Samples([0.001, 0.002, 0.003], [5e-3] * 3, [0.15] * 3, samples)
     none: Any = None
-    job = read_weld_job(JOB)
-    return Weld(WeldContext(job, JOB, **context), bent_stations(), none, none, none, [])
+    wps = read_wps(ROOT / "examples" / "wps.toml")
+    welder = ArcWelder(none, ArcLimits(), wps, none, none, none, simulated=False)
+    message = welder._message(bead_along(np.array((0.0, 0.03))), 0.0, 0.003, seen, "")
+    assert message.seconds == pytest.approx(0.04)
+    (row,) = welder._stretches(message, seen)
+    assert row.heat_input.source is NumberSource.BELIEVED
+    assert row.current.source is NumberSource.MEASURED
+
+
+def test_second_ignition_needs_room_and_names_its_gap() -> None:
+    weld, journal = replayed(), FailingJournal(lambda message: False)
+    no_ignition = WeldStopped(ArcFault.NO_IGNITION, "none")
+
+    class Welder:
+        def __init__(self) -> None:
+            self.journal, self.begins = journal, list[float]()
+
+        def weld(self, bead: Any, begin: float, end: float) -> tuple[ArcMessage, Any]:
+            self.begins.append(begin)
+            return arc(begin, begin), no_ignition if len(self.begins) == 1 else None
+
+    bead, short, long = bead_along(bent_stations().s), Welder(), Welder()
+    welders: Any = (short, long)
+    with pytest.raises(WeldStopped, match="none"):
+        weld._weld_stretch(welders[0], bead, 0.1, 0.1015)
+    weld._weld_stretch(welders[1], bead, 0.1, 0.2)
+    assert short.begins == [0.1]
+    assert long.begins == pytest.approx([0.1, 0.102])
+    assert [one.name for one in journal.kept if isinstance(one, RunEvent)] == ["gap"]
+    with pytest.raises(ConfigurationError, match="overlap"):
+        read_weld_job(JOB, {"weld.overlap_mm": 1.0})
 
 
 def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:

@@ -160,7 +160,7 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
         total = least[j : j + longest] + row
         i = int(total.argmin())
         least[longest + j] = total[i]
-        best_start[j] = j - longest + i
+        best_start[j] = max(j - longest + i, 0)  # if all costs are endless
     bounds = [count]
     while bounds[-1]:
         bounds.append(best_start[bounds[-1]])
@@ -202,10 +202,10 @@ def _costs_of_lines(through: Array, variance: float) -> Array:
     w, a, b, c, d, e = sums[:, 1:, None] - starts
     a /= w
     b -= a * a * w
-    np.maximum(b, 1e-15, out=b)
+    np.fmax(b, 1e-15, out=b)
     d -= a * c
     e -= c * c / w + d * d / b
-    np.maximum(e, 0, out=e)
+    np.fmax(e, 0, out=e)  # as the compiled loops: no cost is NaN
     e /= variance
     e += PIECE_COST
     return np.asarray(e)

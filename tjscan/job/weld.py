@@ -8,14 +8,13 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 
 from tjscan.core.devices import DriverKind, DriverRegistry
 from tjscan.core.units import (
     LIST_OR_WORD_IN_FILE,
     MM,
     PERCENT_UNIT,
-    SECONDS,
     SettingsTable,
 )
 from tjscan.job.devices import DeviceSettings
@@ -92,11 +91,10 @@ class WeldSettings(SettingsTable):
     margin : float
         Of the faces beyond the toes that a look reads, metres.
     overlap : float
-        By which a weld that goes on after a stop overlaps what was welded before, metres.
+        By which a weld that goes on after a stop overlaps what was welded before, metres; not
+        less than what a second ignition is farther on.
     holds : tuple of int
         Beads before which a person must let the weld go on.
-    interpass_wait : float
-        After each bead, seconds. The temperature is not measured.
     arc : ArcLimits
     bead : BeadModel
         By which beads are planned; a simulated weld has its own, with the defaults.
@@ -108,9 +106,8 @@ class WeldSettings(SettingsTable):
     station_step: Annotated[float, Ge(0.5), Le(20), MM] = 2e-3
     look_step: Annotated[float, Ge(0.5), Le(20), MM] = 4e-3
     margin: Annotated[float, Ge(2), Le(50), MM] = 8e-3
-    overlap: Annotated[float, Gt(0), Le(100), MM] = 10e-3
+    overlap: Annotated[float, Ge(2), Le(100), MM] = 10e-3
     holds: Annotated[tuple[int, ...], MaxLen(200), LIST_OR_WORD_IN_FILE] = ()
-    interpass_wait: Annotated[float, Ge(0), Le(86400), SECONDS] = 0.0
     arc: ArcLimits = field(default_factory=ArcLimits)
     bead: BeadModel = field(default_factory=BeadModel)
     simulation: WeldSimulationSettings = field(default_factory=WeldSimulationSettings)

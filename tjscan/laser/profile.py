@@ -54,6 +54,8 @@ class Profile:
         if len(self.columns) != len(self.x_s):
             object.__setattr__(self, "columns", np.arange(len(self.x_s)))
             object.__setattr__(self, "column_count", len(self.x_s))
+        elif self.column_count < min(len(self.columns), 1):
+            raise ValueError("columns are stated, but not how many the sensor has: column_count")
         # Coordinates lie one after the other in memory: sums over all points are quicker.
         object.__setattr__(self, "points", np.array((self.x_s, self.z_s)).T)
 

@@ -3,7 +3,8 @@
 `docs/ur.md` lists the functions that it uses. No arm has run such a file. A real controller lets no
 two blends overlap (its manual), keeps to the speed through a blend with ``movep`` alone, and stops
 with an error if the tool turns back in one: blends here are a fifth of the shorter step beside
-them, and chords meet at 2 degrees at most.
+them, and chords meet at 2 degrees at most, but at the ends of a weave's swings. No output sets the
+wire feed: where it varies along a bead, the speed follows what the plan has, not what is fed.
 """
 
 from __future__ import annotations

@@ -176,15 +176,14 @@ class ManualPowerSource(LocalPowerSource):
             If the person does not strike it.
         """
         self.check_connected()
-        if not self._ask("strike the arc"):
+        if not self._is_done("strike the arc"):
             raise PowerFault("the arc was not struck by hand")
         self._burning = True
 
     def quench(self) -> None:
-        """Ask for its end, once."""
-        burning, self._burning = self._burning, False
-        if burning:
-            self._ask("end the arc")
+        """Ask for its end; until the person confirms that, it counts as burning."""
+        if self._burning:
+            self._burning = not self._is_done("end the arc")
 
     def state(self) -> PowerSample:
         """What was asked for; see `PowerSource.state`."""
@@ -193,3 +192,9 @@ class ManualPowerSource(LocalPowerSource):
         return PowerSample(
             time=self._clock(), flow=burning, stable=burning, source=NumberSource.BELIEVED
         )
+
+    def _is_done(self, what: str) -> bool:
+        try:
+            return self._ask(what)
+        except KeyboardInterrupt:
+            return False

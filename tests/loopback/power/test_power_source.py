@@ -148,3 +148,16 @@ def test_arc_is_set_anew_while_it_burns(link: Link) -> None:
     sample = arc.arc.sample
     assert sample is not None
     assert sample.feed.value == pytest.approx(6 / 60, abs=1e-4)
+
+
+def test_gas_ends_at_once_and_not_with_the_next_arc(link: Link) -> None:
+    _, source = link
+    source.prepare(PowerSetting(9 / 60))
+
+    def gas() -> bool:
+        (word,) = source._client.read_holding_registers(100, count=1).registers
+        return bool(word & 1 << 3)
+
+    assert gas()
+    source.end_gas()
+    assert not gas()

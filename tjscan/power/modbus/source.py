@@ -141,6 +141,15 @@ class ModbusPowerSource(DeviceBase):
     def quench(self) -> None:
         """See `PowerSource.quench`."""
         self._bits["start"] = False
+        self._tell()
+
+    def end_gas(self) -> None:
+        """See `PowerSource.end_gas`; tells it at once, as no exchange may follow for long."""
+        self._bits["gas"] = False
+        self._tell()
+
+    def _tell(self) -> None:
+        """Bring the orders to it if it can be reached; never raises."""
         # The exchange that runs in another thread is followed by one without start. A source that
         # does not answer is told nothing: its own watchdog puts the arc out.
         if self._lost or not self._lock.acquire(blocking=False):
@@ -151,10 +160,6 @@ class ModbusPowerSource(DeviceBase):
             pass  # the next state names the cause
         finally:
             self._lock.release()
-
-    def end_gas(self) -> None:
-        """See `PowerSource.end_gas`."""
-        self._bits["gas"] = False
 
     def reset(self) -> None:
         """See `PowerSource.reset`: an edge of the bit for it."""

@@ -28,6 +28,15 @@ STRETCH_LENGTH: Final = 10e-3
 FEED_STEP: Final = 0.05 / 60
 """By which the wire feed must change for the source to be set again, m/s."""
 
+WEAKEST_SOURCES: Final = (
+    NumberSource.ABSENT,
+    NumberSource.BELIEVED,
+    NumberSource.SET,
+    NumberSource.SIMULATED,
+    NumberSource.MEASURED,
+)
+"""Of the sources of numbers that make up another, the first says where that comes from."""
+
 SETTLING_CYCLES: Final = 100
 """Cycles in which an arc that was stopped is watched until no current flows."""
 
@@ -232,7 +241,7 @@ class ArcWelder:
             bead.number,
             begin,
             reached,
-            CYCLE_TIME * len(speed),
+            seen.sample[-1].time - seen.sample[0].time if seen.sample else 0.0,
             fault,
             self.simulated,
             np.array(seen.s),
@@ -250,20 +259,22 @@ class ArcWelder:
             on = np.flatnonzero(row_of == row)
             samples = [seen.sample[i] for i in on]
             current = [one.current for one in samples]
-            heat = _mean_of([one.current for one in samples])
-            source = NumberSource.BELIEVED if heat.source is NumberSource.ABSENT else heat.source
+            mean, voltage = _mean_of(current), _mean_of([one.voltage for one in samples])
             fed = _mean_of([one.feed for one in samples])
             if fed.value is None:
                 fed = SourcedNumber(float(np.mean([seen.feed[i] for i in on])), NumberSource.SET)
             moved = NumberSource.SIMULATED if self.simulated else NumberSource.MEASURED
+            sources = {mean.source, voltage.source, moved}
+            weakest = next(one for one in WEAKEST_SOURCES if one in sources)
+            source = NumberSource.BELIEVED if weakest is NumberSource.ABSENT else weakest
             yield ArcStretchMessage(
                 number=arc.number,
                 begin=arc.begin + row * STRETCH_LENGTH,
                 end=min(arc.begin + (row + 1) * STRETCH_LENGTH, arc.end),
-                current=heat,
+                current=mean,
                 current_least=_mean_of(current, min),
                 current_most=_mean_of(current, max),
-                voltage=_mean_of([one.voltage for one in samples]),
+                voltage=voltage,
                 feed=fed,
                 gas=_mean_of([one.gas for one in samples]),
                 speed=SourcedNumber(float(arc.speed[on].mean()), moved),

@@ -86,7 +86,7 @@ def _numbers_of_row(
     row: InspectionRow,
 ) -> tuple[tuple[str, float, FileUnit, NumberSource], ...]:
     unit = DEG if row.limit.imperfection == "toe angle" else MM
-    measured = NumberSource.MEASURED
+    measured = NumberSource.SIMULATED  # as the cell is that looks at a weld
     return (
         ("value", row.value, unit, measured),
         ("sigma", row.sigma, unit, NumberSource.BELIEVED),

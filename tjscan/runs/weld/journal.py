@@ -41,6 +41,8 @@ class PlannedBeadMessage:
         As of `NextBead`.
     weldable : ndarray, shape (n,)
         1 where an arc may burn, 0 where the groove was not read.
+    dry : bool, optional
+        Whether it was planned alone, by a dry run.
     """
 
     number: int
@@ -56,6 +58,7 @@ class PlannedBeadMessage:
     heat_input: Array
     carried: Array
     weldable: Array
+    dry: bool = False
 
 
 @array_dataclass

@@ -8,37 +8,41 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
-from tjscan.core.frames import Array, Mask, array_dataclass, pose, transform_points
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import (
+    Array,
+    Mask,
+    array_dataclass,
+    inverse_pose,
+    pose,
+    transform_points,
+    unit_vector,
+)
+from tjscan.groove.filled import KnownFlanks, read_filled_groove
+from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
+from tjscan.laser.profile import Profile
+from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import GrooveStations
 
 COLUMN_STEP: Final = 0.25e-3
 """Between two columns of a surface, metres."""
 
-SMOOTHED_POINTS: Final = 5
-"""Neighbouring points of a profile whose median counts: spatter is narrower."""
-
 WIDEST_GAP: Final = 1.5e-3
 """Between two points of a profile, over which its surface is not known, metres."""
 
-DEEPEST_POINT: Final = 0.8e-3
-"""Metres that a point may lie below where steel was before, square to it: what lies deeper is the
-mirror image of another face."""
-
-COMPARED_PROFILES: Final = 5
-"""Neighbouring profiles from whose median a column may not lie lower by that: mirror images are in
-other columns of each."""
+POOLED_STEPS: Final = 1.5
+"""Steps of a look to either side of a station whose profiles count, by their median: a reflection
+that passes for steel in one is elsewhere in the next."""
 
 LEAST_SEEN_SHARE: Final = 0.95
 """Of a section's columns between its toes, for it to count as read."""
 
-LEAST_HEIGHT_SIGMA: Final = 0.02e-3
-"""Standard deviation of heights that no look falls below, metres."""
-
-FARTHEST_FACE: Final = 0.1
-"""Metres beyond its corners to which a groove's faces are taken to go on."""
+FLANK_STEP, BEYOND_ENDS = 2e-3, 20e-3
+"""Between places at which the bare groove's faces are known, and how far beyond its ends: a laser's
+plane is turned against the sections. Metres."""
 
 
 @array_dataclass
@@ -113,43 +117,91 @@ def place_in_sections(stations: GrooveStations, points: Array) -> tuple[Array, A
 
 
 @array_dataclass
-class SteelBefore:
-    """Where steel was before, at n stations: weld metal only adds to it.
+class FlanksAlongGroove:
+    """Faces of a bare groove between the sections of its scan.
 
     Parameters
     ----------
-    u, w : ndarray, shape (n, k)
-        Metres, u growing.
+    s : ndarray, shape (m,)
+        Along the groove, metres.
+    corners : ndarray, shape (m, 4, 3)
+        p3, p4, g and p2 there, in the frame r of the scan's results, metres.
+    sections : ndarray, shape (k,)
+        Where the sections are, metres.
+    bends : ndarray, shape (k, 2)
+        Of wall and leg in them; see `KnownFlanks`.
     """
 
-    u: Array
-    w: Array
+    s: Array
+    corners: Array
+    sections: Array
+    bends: Array
 
     @classmethod
-    def of_corners(cls, stations: GrooveStations) -> SteelBefore:
-        """The bare groove: its corners, the leg beyond, and nothing lower than the bevel's top."""
-        p3, p4, g, p2 = np.moveaxis(stations.corners, 1, 0)
-        far = FARTHEST_FACE * (g - p4) / np.linalg.norm(g - p4, axis=1, keepdims=True)
-        beyond = p2 - (FARTHEST_FACE, 0.0)
-        nodes = np.stack((beyond, p2, p3, p4, g, g + far), axis=1)
-        return cls(nodes[:, :, 0], nodes[:, :, 1])
+    def of_scan(
+        cls, edges: GrooveEdges, sections: Sequence[MeasuredSection], T_r_s: Sequence[Array]
+    ) -> FlanksAlongGroove:
+        """Those of sections, and of the poses of the sensor that saw them."""
+        length = edges.length + 2 * BEYOND_ENDS
+        s = np.linspace(0.0, length, 1 + round(length / FLANK_STEP)) - BEYOND_ENDS
+        bends = []
+        for one, T in zip(sections, T_r_s, strict=True):
+            in_r = np.vstack((one.points, one.T_r_g[:3, 3]))
+            points = transform_points(inverse_pose(T), in_r)[:, [0, 2]]
+            g = points[5]
+            wall, leg = unit_vector(g - points[1]), unit_vector(g - points[3])
+            bends.append(KnownFlanks.of_points(points[:5], wall, leg).bends)
+        return cls(s, edges.corners(s), edges.sections, np.array(bends))
 
-    def is_below(self, row: int, across: Array, up: Array) -> Mask:
-        """Whether points at a station lie too deep to be of steel, shape (k,)."""
-        u, w = self.u[row], self.w[row]
-        slope = np.diff(w) / np.diff(u)
-        at = np.clip(np.searchsorted(u, across) - 1, 0, len(slope) - 1)
-        depth = np.interp(across, u, w) - up
-        return np.asarray(depth > DEEPEST_POINT * np.hypot(1.0, slope[at]))
+    def known_in(self, T_r_s: Array) -> KnownFlanks:
+        """Where the plane of a laser at a pose in r cuts them, in its frame s."""
+        x, y, z = np.moveaxis(transform_points(inverse_pose(T_r_s), self.corners), 2, 0)
+        y = y * np.sign(y[-1] - y[0])
+        p3, p4, g, p2 = (
+            np.array([np.interp(0.0, y[:, k], values[:, k]) for values in (x, z)]) for k in range(4)
+        )
+        at = float(np.interp(0.0, y.mean(axis=1), self.s))
+        bends = np.array([np.interp(at, self.sections, one) for one in self.bends.T])
+        return KnownFlanks(np.array((p2, p3, p4)), unit_vector(g - p2), unit_vector(g - p4), bends)
+
+
+def read_steel(
+    profile: Profile,
+    flanks: FlanksAlongGroove,
+    T_r_s: Array,
+    settings: GrooveSettings = DEFAULT_SETTINGS,
+) -> tuple[Array, Array]:
+    """Points of a profile on steel.
+
+    Parameters
+    ----------
+    profile : Profile
+    flanks : FlanksAlongGroove
+    T_r_s : ndarray, shape (4, 4)
+        Pose of the sensor.
+    settings : GrooveSettings, optional
+
+    Returns
+    -------
+    points : ndarray, shape (k, 3)
+        In frame r, metres; none if the profile is refused.
+    sigmas : ndarray, shape (k,)
+        Standard deviation of each along its ray, metres.
+    """
+    try:
+        found = read_filled_groove(profile, flanks.known_in(T_r_s), settings)
+    except GrooveNotFound:
+        return np.empty((0, 3)), np.empty(0)
+    x, z = found.points.T
+    return transform_points(T_r_s, np.column_stack((x, np.zeros(len(x)), z))), found.sigmas
 
 
 def surface_of_profiles(
     stations: GrooveStations,
-    profiles: Sequence[Array],
+    profiles: Sequence[tuple[Array, Array]],
     u: Array,
     toes_u: Array,
     step: float,
-    before: SteelBefore,
 ) -> SurfaceLook:
     """Make a surface of profiles.
 
@@ -157,90 +209,48 @@ def surface_of_profiles(
     ----------
     stations : GrooveStations
         At which it is wanted.
-    profiles : sequence of ndarray, shape (k, 3)
-        Points of each profile in their order, in the stations' frame; metres.
+    profiles : sequence of tuple of ndarray
+        As `read_steel` gives them, in the stations' frame.
     u : ndarray, shape (m,)
         Columns, metres.
     toes_u : ndarray, shape (n, 2)
         Of the finished weld at each station: a station is read if the columns between are.
     step : float
         Between two profiles, metres: farther from any, nothing is known.
-    before : SteelBefore
     """
-    rows = [_profile_over_columns(stations, points, u, before) for points in profiles]
-    at, height = (np.array([row[j] for row in rows]) for j in range(2))
-    height[_is_lower_than_neighbours(height, u)] = np.nan
-    n, m = len(stations.s), len(u)
-    w, seen = np.full((n, m), np.nan), np.zeros((n, m), dtype=bool)
-    for j in range(m):
-        known = np.isfinite(at[:, j]) & np.isfinite(height[:, j])
-        if known.sum() >= 2:
-            order = np.argsort(at[known, j])
-            places, heights = at[known, j][order], height[known, j][order]
-            w[:, j] = np.interp(stations.s, places, heights)
-            after = np.clip(np.searchsorted(places, stations.s), 1, len(places) - 1)
-            gap = places[after] - places[after - 1]
-            outside = np.maximum(places[0] - stations.s, stations.s - places[-1])
-            seen[:, j] = (gap < 2.5 * step) & (outside < step)
+    rows = [_profile_over_columns(stations, *steel, u) for steel in profiles]
+    at, height, sigma = np.moveaxis(np.array(rows), 1, 0)
+    shape = len(stations.s), len(u)
+    w, sigmas = np.full(shape, np.nan), np.full(shape, np.nan)
+    with warnings.catch_warnings():  # a column that no profile shows has no median
+        warnings.simplefilter("ignore", RuntimeWarning)
+        for k, s in enumerate(stations.s):
+            near = np.abs(at - s) < POOLED_STEPS * step
+            w[k], sigmas[k] = (
+                np.nanmedian(np.where(near, values, np.nan), axis=0) for values in (height, sigma)
+            )
+    seen = np.isfinite(w)
     between = (u >= toes_u[:, :1]) & (u <= toes_u[:, 1:])
     read = (seen & between).sum(axis=1) >= LEAST_SEEN_SHARE * between.sum(axis=1)
-    for row, known_row in zip(w, seen & np.isfinite(w), strict=True):
-        if known_row.any():
-            row[~known_row] = np.interp(u[~known_row], u[known_row], row[known_row])
-    return SurfaceLook(u, np.nan_to_num(w), np.full(n, _height_sigma(height)), read)
+    for row, known in zip(w, seen, strict=True):
+        if known.any():
+            row[~known] = np.interp(u[~known], u[known], row[known])
+    variance = np.mean(np.nan_to_num(sigmas) ** 2, axis=1, where=between)
+    return SurfaceLook(u, np.nan_to_num(w), np.sqrt(variance), read)
 
 
 def _profile_over_columns(
-    stations: GrooveStations, points: Array, u: Array, before: SteelBefore
-) -> tuple[Array, Array]:
-    """Place along the groove and height of a profile at columns; NaN where it shows nothing."""
+    stations: GrooveStations, points: Array, sigmas: Array, u: Array
+) -> Array:
+    """Place along the groove, height and its sigma at columns; NaN where nothing is shown."""
     s, places = place_in_sections(stations, points)
-    inside = (
-        np.isfinite(s) & (places[:, 0] > u[0] - WIDEST_GAP) & (places[:, 0] < u[-1] + WIDEST_GAP)
-    )
-    s, places = s[inside], places[inside]
-    if len(s):
-        row = int(np.abs(stations.s - np.median(s)).argmin())
-        steel = ~before.is_below(row, *places.T)
-        s, places = s[steel], places[steel]
-    if len(s) < SMOOTHED_POINTS:
-        return np.full(len(u), np.nan), np.full(len(u), np.nan)
-    order = np.argsort(places[:, 0], kind="stable")
-    s, across, up = s[order], places[order, 0], places[order, 1]
-    up = median_filter(up, SMOOTHED_POINTS, mode="nearest")
+    known = np.flatnonzero(np.isfinite(s))
+    if len(known) < 2:
+        return np.full((3, len(u)), np.nan)
+    order = known[np.argsort(places[known, 0], kind="stable")]
+    across = places[order, 0]
     after = np.clip(np.searchsorted(across, u), 1, len(across) - 1)
     hidden = across[after] - across[after - 1] > WIDEST_GAP
     hidden |= (u < across[0]) | (u > across[-1])
-    return (
-        np.where(hidden, np.nan, np.interp(u, across, s)),
-        np.where(hidden, np.nan, np.interp(u, across, up)),
-    )
-
-
-def _is_lower_than_neighbours(height: Array, u: Array) -> Mask:
-    """Which columns of profiles, shape (p, m), lie far below those of the profiles beside them."""
-    half = COMPARED_PROFILES // 2
-    padded = np.pad(height, ((half, half), (0, 0)), constant_values=np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, COMPARED_PROFILES, axis=0)
-    with warnings.catch_warnings():  # a column that no profile shows has no median
-        warnings.simplefilter("ignore", RuntimeWarning)
-        middle = np.nanmedian(windows, axis=2)
-    slope = np.gradient(middle, u, axis=1)
-    limit = DEEPEST_POINT * np.hypot(1.0, np.nan_to_num(slope))
-    return np.asarray(middle - height > limit)
-
-
-def _height_sigma(height: Array) -> float:
-    """Standard deviation of heights, from what each profile differs from its neighbours."""
-    off = height[1:-1] - 0.5 * (height[:-2] + height[2:])
-    off = np.abs(off[np.isfinite(off)])
-    spread = float(1.4826 * np.median(off) / np.sqrt(1.5)) if len(off) else 0.0
-    return max(spread, LEAST_HEIGHT_SIGMA)
-
-
-def points_of_profile(points_s: Array, T_r_s: Array) -> Array:
-    """Valid points of a profile, (n, 2) in the laser's frame, in the frame r, shape (k, 3)."""
-    known = points_s[np.isfinite(points_s).all(axis=1)]
-    return transform_points(
-        T_r_s, np.column_stack((known[:, 0], np.zeros(len(known)), known[:, 1]))
-    )
+    rows = [np.interp(u, across, values[order]) for values in (s, places[:, 1], sigmas)]
+    return np.where(hidden, np.nan, rows)

@@ -62,7 +62,7 @@ class RecordedWeld:
     Parameters
     ----------
     beads : dict of int to PlannedBeadMessage
-        As planned last, by number.
+        As planned last, by number; by a dry run where nothing else planned them.
     arcs, stretches, looks, events : tuple
         In their order.
     """
@@ -79,7 +79,8 @@ def read_recorded_weld(directory: Path) -> RecordedWeld:
     kinds: dict[type, list[Any]] = {}
     for message in read_weld(directory):
         kinds.setdefault(type(message), []).append(message)
-    beads = {bead.number: bead for bead in kinds.get(PlannedBeadMessage, [])}
+    planned = sorted(kinds.get(PlannedBeadMessage, []), key=lambda one: (one.number, not one.dry))
+    beads = {bead.number: bead for bead in planned}
     others = (ArcMessage, ArcStretchMessage, LookMessage, RunEvent)
     return RecordedWeld(beads, *(tuple(kinds.get(kind, ())) for kind in others))
 
@@ -121,7 +122,7 @@ def weld_log(directory: Path, found: RecordedWeld) -> dict[str, Any]:
         "preheat_temperature": _number(ABSENT_NUMBER, CELSIUS_UNIT),
         "interpass_temperature": _number(ABSENT_NUMBER, CELSIUS_UNIT),
         "beads": [_bead_entry(found, bead) for bead in found.beads.values()],
-        "looks": [_look_entry(look) for look in found.looks],
+        "looks": [_look_entry(look, _source_of(found)) for look in found.looks],
         "stops": [event.detail for event in found.events if event.name == "stop"],
     }
 
@@ -166,8 +167,12 @@ def _stretch_entry(row: ArcStretchMessage) -> dict[str, Any]:
     }
 
 
-def _look_entry(look: LookMessage) -> dict[str, Any]:
-    measured, believed = NumberSource.MEASURED, NumberSource.BELIEVED
+def _source_of(found: RecordedWeld) -> NumberSource:
+    return NumberSource.SIMULATED if _is_simulated(found) else NumberSource.MEASURED
+
+
+def _look_entry(look: LookMessage, measured: NumberSource) -> dict[str, Any]:
+    believed = NumberSource.BELIEVED
     deviation = (look.deviation, look.deviation_sigma) if look.beads else (None, None)
     return {
         "after_bead": str(look.beads),

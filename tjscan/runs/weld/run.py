@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
+from math import ceil
 from pathlib import Path
 from typing import Final
 
@@ -70,6 +71,9 @@ SHORTEST_ARC: Final = 20e-3
 
 IGNITION_SHIFT: Final = 2e-3
 """Farther on along the bead a second ignition is tried, metres."""
+
+WAIT_SLICE: Final = 1.0
+"""Seconds of a wait between two beads after which a stop is seen."""
 
 INDEPENDENT_STATIONS: Final = 5
 """Stations after which what a bead is off is no longer that of the ones before (assumption)."""
@@ -215,6 +219,8 @@ class Weld:
     context : WeldContext
     stations : GrooveStations
         Sections of the first scan, in the frame of its results.
+    flanks : FlanksAlongGroove
+        Faces of the bare groove.
     toes_u : ndarray, shape (n, 2)
         Where the finished weld shall meet brace and leg, metres.
     order : BeadOrder
@@ -226,6 +232,7 @@ class Weld:
 
     context: WeldContext
     stations: GrooveStations
+    flanks: looking.FlanksAlongGroove
     toes_u: Array
     order: BeadOrder
     world: WeldWorld
@@ -279,7 +286,11 @@ class Weld:
             faults=settings.simulation.faults,
         )
         last = {view.index: view for view in read_recorded_scan(scanned).views}
-        return cls(context, stations, toes_u, order, world, [last[k] for k in sorted(last)])
+        T_r_b = result_frame_of_job(context.job).T_r_b
+        poses = [T_r_b @ last[one.index].T_b_s for one in sections]
+        flanks = looking.FlanksAlongGroove.of_scan(edges, sections, poses)
+        views = [last[k] for k in sorted(last)]
+        return cls(context, stations, flanks, toes_u, order, world, views)
 
     @property
     def count(self) -> int:
@@ -304,8 +315,9 @@ class Weld:
         """Look, and plan every bead that is left by the bead model alone; nothing is welded."""
         planner = self.planner or self._look(journal)
         while planner.done < self.count:
-            bead = planner.next_bead()
-            journal.record(self._planned(bead))
+            self._stop_if_asked()
+            bead, self._bead = self._bead or planner.next_bead(), None
+            journal.record(self._planned(bead, dry=True))
             planner.after_bead(bead)
         journal.record(RunEvent("dry run", "nothing was welded: an arc needs --arc"))
 
@@ -339,16 +351,20 @@ class Weld:
             self._finish_bead(planner, bead)
             if self._look_is_due(planner, looks):
                 planner = self._look(journal)
-            self.clock.wait(job.weld.interpass_wait)
+            if planner.done < self.count:
+                for _ in range(ceil(self.context.wps.sequence.interpass_wait / WAIT_SLICE)):
+                    self._stop_if_asked()
+                    self.clock.wait(WAIT_SLICE)
         if looks is not LookSchedule.NONE and self._laid:
             self._look(journal)
 
     def replay(self, message: object) -> None:
         """Take in what was recorded before a stop."""
         match message:
+            case PlannedBeadMessage(dry=True):
+                pass
             case PlannedBeadMessage():
-                if self._arcs and self._bead is not None and self.planner is not None:
-                    self._finish_bead(self.planner, self._bead)
+                self._finish_beads_before(message.number)
                 self._bead = NextBead(
                     **{one.name: getattr(message, one.name) for one in fields(NextBead)}
                 )
@@ -360,8 +376,7 @@ class Weld:
                 self._arcs.append(message)
                 self._lay(message)
             case LookMessage():
-                if self._bead is not None and self._arcs and self.planner is not None:
-                    self._finish_bead(self.planner, self._bead)
+                self._finish_beads_before(message.beads)
                 self._take_look(
                     looking.SurfaceLook(message.u, message.w, message.sigma, message.was_read)
                 )
@@ -386,19 +401,22 @@ class Weld:
         """From where to where a bead is still to be welded, metres along the groove."""
         for span in _spans(bead.s, self.weldable):
             left = left_to_weld(span, self._arcs, self.context.job.weld.overlap)
-            if left is not None and span[1] - span[0] >= SHORTEST_ARC:
+            if left is not None:
                 yield left
 
     def _wait_before(self, bead: NextBead) -> None:
         number = bead.number + 1
-        if self.context.must_stop:
-            raise WeldStopped(ArcFault.STOPPED, "by the operator, between two beads")
+        self._stop_if_asked()
         if number in self.context.job.weld.holds and not self.context.ask(f"weld bead {number}"):
             raise WeldStopped("hold", f"bead {number} was not let go")
 
-    def _planned(self, bead: NextBead) -> PlannedBeadMessage:
+    def _stop_if_asked(self) -> None:
+        if self.context.must_stop:
+            raise WeldStopped(ArcFault.STOPPED, "by the operator, between two beads")
+
+    def _planned(self, bead: NextBead, *, dry: bool = False) -> PlannedBeadMessage:
         values = {one.name: getattr(bead, one.name) for one in fields(NextBead)}
-        return PlannedBeadMessage(**values, weldable=self.weldable.astype(float))
+        return PlannedBeadMessage(**values, weldable=self.weldable.astype(float), dry=dry)
 
     def _weld_stretch(self, welder: ArcWelder, bead: NextBead, begin: float, end: float) -> None:
         for at in (begin, begin + IGNITION_SHIFT):
@@ -406,8 +424,11 @@ class Weld:
             self._arcs.append(message)
             self._lay(message)
             if stopped is None:
+                if at > begin:
+                    where = f"{1e3 * begin:.1f} to {1e3 * at:.1f} mm along the groove"
+                    welder.journal.record(RunEvent("gap", f"{where}: the second ignition was on"))
                 return
-            if stopped.fault != ArcFault.NO_IGNITION or at > begin:
+            if stopped.fault != ArcFault.NO_IGNITION or at > begin or at + IGNITION_SHIFT >= end:
                 raise stopped
 
     def _lay(self, arc: ArcMessage) -> None:
@@ -427,6 +448,11 @@ class Weld:
     def _finish_bead(self, planner: WeldPlanner, bead: NextBead) -> None:
         planner.after_bead(bead, self.weldable)
         self._bead, self._arcs = None, []
+
+    def _finish_beads_before(self, number: int) -> None:
+        """Count the recorded bead as laid, though no arc may have burned on it."""
+        if self.planner is not None and self._bead is not None and self._bead.number < number:
+            self._finish_bead(self.planner, self._bead)
 
     def _look_is_due(self, planner: WeldPlanner, looks: LookSchedule) -> bool:
         if planner.done >= self.count or looks is LookSchedule.NONE:
@@ -463,9 +489,10 @@ class Weld:
                 learner.shrinkage.value,
             )
         )
-        for begin, end in _spans(self.stations.s, ~seen.read):
-            where = f"{1e3 * begin:.0f} to {1e3 * end:.0f} mm"
-            journal.record(RunEvent("not read", f"{where} along the groove: no arc burns there"))
+        for begin, end in _spans(self.stations.s, ~self.weldable):
+            where = f"{1e3 * begin:.0f} to {1e3 * end:.0f} mm along the groove"
+            what = f"{where}, or too short a stretch of it: no arc burns there"
+            journal.record(RunEvent("not read", what))
         return planner
 
     def _take_look(self, seen: looking.SurfaceLook) -> WeldPlanner:
@@ -477,7 +504,11 @@ class Weld:
         else:
             u = np.tile(seen.u, (len(seen.w), 1))
             self.planner.take_look(u, seen.w, seen.sigma, seen.read)
-        self.weldable, self._laid = seen.read, False
+        s, weldable = self.stations.s, seen.read.copy()
+        for begin, end in _spans(s, seen.read):
+            if end - begin < SHORTEST_ARC:
+                weldable &= (s < begin) | (s > end)
+        self.weldable, self._laid = weldable, False
         return self.planner
 
     def _scan_again(self) -> tuple[looking.SurfaceLook, float]:
@@ -500,17 +531,12 @@ class Weld:
                     raise WeldStopped(ArcFault.STOPPED, "by the operator, during a look")
                 self._arm = cell.arm.move_linear(T_b_f)
                 T_r_s = frame.T_r_b @ self._arm.T_b_f @ cell.T_f_s
-                profiles.append(looking.points_of_profile(cell.laser.capture().points, T_r_s))
+                profile = cell.laser.capture()
+                profiles.append(looking.read_steel(profile, self.flanks, T_r_s, job.groove))
             time = cell.arm.state().time
         u = _columns(self.toes_u, settings.margin)
-        steel = looking.SteelBefore.of_corners(self.stations)
-        if self.planner is not None:
-            belief, last = self.planner.belief, self._previous or self.planner.belief
-            # What was not read was never seen to be filled.
-            w = np.where(self.weldable[:, None], last.w, belief.base)
-            steel = looking.SteelBefore(belief.u, w)
         surface_seen = looking.surface_of_profiles(
-            self.stations, profiles, u, self.toes_u, settings.look_step, steel
+            self.stations, profiles, u, self.toes_u, settings.look_step
         )
         return surface_seen, time
 
