@@ -1,7 +1,6 @@
 """The loop of a crawl, with devices that go wrong."""
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from math import nan
@@ -12,9 +11,7 @@ import pytest
 from crawls import SHORT
 
 from tjscan.core.errors import CrawlStopped, VehicleLinkLost, VehicleStopped
-from tjscan.crawler.crawler import MOST_OFFSET_AT_REVERSAL
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.torch_axes import SimulatedTorchAxes
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
@@ -103,29 +100,6 @@ def test_a_fault_under_the_arc_ends_arc_and_motion(
     assert caught.value.guard == guard
     assert "return" not in notes.events  # nothing is told to be welded
     assert sum(cycle.arc for cycle in notes.cycles) < 130
-
-
-class WrongMethod:
-    """A method that states another place of the torch."""
-
-    def __init__(self, method: Any, torch: TorchEstimate) -> None:
-        self._method, self.torch = method, torch
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._method, name)
-
-
-@pytest.mark.parametrize("off", [2.5e-3, 6e-3])
-def test_little_knowledge_does_not_make_a_torch_far_off_aligned(tmp_path: Path, off: float) -> None:
-    found, notes = context(tmp_path, "offset_mm = 1"), Notes()
-    method: Any = WrongMethod(found.make_method(), TorchEstimate(off, 5e-3, 0.0))
-    far = off > MOST_OFFSET_AT_REVERSAL
-    ends: Any = pytest.raises(CrawlStopped, match="off the joint") if far else nullcontext()
-    with make_crawl_cell(found.job) as cell, ends:
-        crawler = make_crawler(found, cell, method, notes)
-        crawler._wait_for_joint()
-        crawler._align_forward(0.0)
-    assert any("2.5 mm off the joint" in text for text in notes.texts) != far
 
 
 def blind(profiles: list[Profile]) -> Profile:
