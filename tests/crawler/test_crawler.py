@@ -1,17 +1,22 @@
 """The loop of a crawl, with devices that go wrong."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from math import nan
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from crawls import SHORT
 
 from tjscan.core.errors import CrawlStopped, VehicleLinkLost, VehicleStopped
+from tjscan.crawler.crawler import MOST_OFFSET_AT_REVERSAL, Crawler
 from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.plan import AlignmentSettings
 from tjscan.crawler.torch_axes import SimulatedTorchAxes
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
@@ -100,6 +105,21 @@ def test_a_fault_under_the_arc_ends_arc_and_motion(
     assert caught.value.guard == guard
     assert "return" not in notes.events  # nothing is told to be welded
     assert sum(cycle.arc for cycle in notes.cycles) < 130
+
+
+@pytest.mark.parametrize("off", [2.5e-3, 6e-3])
+def test_little_knowledge_does_not_make_a_torch_far_off_aligned(off: float) -> None:
+    told: list[str] = []
+    far = off > MOST_OFFSET_AT_REVERSAL
+    crawler: Any = SimpleNamespace(
+        _plan=SimpleNamespace(alignment=AlignmentSettings(offset_sigma=6e-3)),
+        _cycle=SimpleNamespace(travel=2.0, phase="forward"),
+        _method=SimpleNamespace(torch=TorchEstimate(off, 5e-3, 0.0)),
+        _report=lambda _, text: told.append(text),
+    )
+    with pytest.raises(CrawlStopped, match="off the joint") if far else nullcontext():
+        Crawler._align_forward(crawler, 0.0)
+    assert any("2.5 mm off the joint" in text for text in told) != far
 
 
 def blind(profiles: list[Profile]) -> Profile:
