@@ -75,7 +75,8 @@ CAP_HEIGHT: Final = 0.5e-3
 """Width and least height of a seam weld's cap, in metres."""
 
 MOST_CAP_FOOT_SHARE: Final = 0.5
-"""An end of a cap is lower than this share of its height: it grows out of the surface."""
+"""The end of a cap towards the groove is lower than this share of its height: between the two is
+the leg."""
 
 MOST_CAP_STEP_SHARE: Final = 0.4
 """Neighbouring points of a cap differ in height by less than this share of it."""
@@ -187,7 +188,7 @@ def _find_seam_cap(fitted: FittedProfile) -> slice:
             continue
         steps = np.abs(np.diff(d[a:b]))
         if (
-            min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
+            d[a] < MOST_CAP_FOOT_SHARE * height
             and steps.max() < MOST_CAP_STEP_SHARE * height
         ):
             return slice(own.start + a, own.start + b)
@@ -313,6 +314,14 @@ def _far_stretches(row: Profile, residuals: Array) -> tuple[Index, Index, NDArra
     return first, stop, ~np.array((cut[first], cut[stop]))
 
 
+def most_points_off(row: Profile, fitted: FittedProfile, k: int) -> int:
+    """Most points in the place of side k that hang together and lie off it."""
+    runs = find_runs(row.points, row.columns)
+    own = fitted.spans[k]
+    run = np.arange(len(runs.first)).repeat(runs.count)[own]
+    return int(np.bincount(run[~fitted.points_on_sides[own]], minlength=1).max())
+
+
 def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     """At which corners the points of one side go over into those of the next, shape (k - 1,).
 
@@ -351,12 +360,14 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
         return covariance
     runs = find_runs(fit.row.points, fit.row.columns)
     for a, b in zip(*stretches_of_steel(runs, off), strict=True):
-        if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
+        side = sides[int(np.searchsorted(fitted.edges, (a + b) // 2, side="right")) - 1]
+        thin = np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE
+        if b - a < FEWEST_HIDING or thin or side.bead:
             continue
         for i, corner in enumerate(fitted.corners):
             away = fit.row.points[a:b] - corner
             near = min(float(np.hypot(*away[0])), float(np.hypot(*away[-1]))) < MEETING_REACH
-            if near and not (sides[i].bead or sides[i + 1].bead):
+            if near:
                 own = slice(2 * i, 2 * i + 2)
                 covariance[own, own] += away.T @ away / len(away)
     return covariance
