@@ -75,8 +75,7 @@ CAP_HEIGHT: Final = 0.5e-3
 """Width and least height of a seam weld's cap, in metres."""
 
 MOST_CAP_FOOT_SHARE: Final = 0.5
-"""The end of a cap towards the groove is lower than this share of its height: between the two is
-the leg."""
+"""An end of a cap is lower than this share of its height: it grows out of the surface."""
 
 MOST_CAP_STEP_SHARE: Final = 0.4
 """Neighbouring points of a cap differ in height by less than this share of it."""
@@ -184,11 +183,12 @@ def _find_seam_cap(fitted: FittedProfile) -> slice:
     starts, stops = stretches_of_true_values(d > 0.3 * CAP_HEIGHT)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
-        if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
+        # What begins at the corner hides it.
+        if not (a and LEAST_CAP < width < MOST_CAP and CAP_HEIGHT < height < width / 2):
             continue
         steps = np.abs(np.diff(d[a:b]))
         if (
-            d[a] < MOST_CAP_FOOT_SHARE * height
+            min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
             and steps.max() < MOST_CAP_STEP_SHARE * height
         ):
             return slice(own.start + a, own.start + b)
