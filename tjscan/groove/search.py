@@ -27,7 +27,7 @@ from tjscan.groove.chains import (
 )
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
-from tjscan.groove.reflections import find_runs, stretches_of_steel, with_doubt_from_others
+from tjscan.groove.reflections import find_runs, stretches_of_steel
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
     LEAST_SIDES,
@@ -90,8 +90,8 @@ STRAIGHT_UNDULATION: Final = 0.08e-3
 """A side that undulates by more, in metres, may be two."""
 
 
-def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
-    """Find the likeliest fit that its points support, however uncertain its corners.
+def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFit]:
+    """Find the fits that their points support, the likeliest first, however uncertain its corners.
 
     Parameters
     ----------
@@ -113,8 +113,7 @@ def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
     if any(fit.model.sides[-2].roughness for fit in supported):
         supported = sorted(map(search.charge_for_steel, supported), key=lambda fit: fit.cost)
-    best, *others = supported
-    return with_doubt_from_others(best, others)
+    return supported
 
 
 class _FitSearch:

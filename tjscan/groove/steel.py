@@ -56,13 +56,9 @@ BLOCK_UNDULATION: Final = 0.02e-3
 STEEPEST_SLOPE_UNDER_SCALE: Final = 0.06
 """Slope against the fitted side that the steel under scale may have."""
 
-TRIED_BEND_SIGMAS: Final = np.linspace(-1.5, 1.5, 7)
-LARGEST_EXPECTED_BEND: Final = 1.0
-"""Bends that are tried, in standard deviations about the expected one; and the largest one of
-these, in 1/m, with which a side is looked at."""
-
-MOST_TRIED_LINES: Final = 80
-"""Lines that are tried."""
+MOST_TRIED_SURFACES: Final = 240
+TRIED_MIDDLES: Final = (0.35, 0.5, 0.65)
+"""Most surfaces that are tried through three blocks, and where the second is between the others."""
 
 STRAY_BLOCK_COST: Final = 9.0
 """What a block costs that lies on neither level, in squared standard deviations."""
@@ -209,24 +205,18 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
     correlated = min(fitted.noise.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
     sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
-    known = side.expected_bend is not None or side.bend < LARGEST_EXPECTED_BEND
-    expected = (side.expected_bend or 0.0) if known else base.c2
-    bend_sigma = min(side.bend, LARGEST_EXPECTED_BEND)
-    i, j = np.triu_indices(count, max(2, count // 4))
-    every = -(-len(i) // MOST_TRIED_LINES)
-    i, j = i[::every], j[::every]
-    bends = expected + bend_sigma * TRIED_BEND_SIGMAS
-    flat = heights - bends[:, None] * along**2
-    slope = (flat[:, j] - flat[:, i]) / (along[j] - along[i])
-    level = flat[:, i] - slope * along[i]
-    usual = np.abs(slope) < STEEPEST_SLOPE_UNDER_SCALE
-    which, line = usual.nonzero()
-    if not len(which):
-        return None
-    surfaces = np.column_stack((level[which, line], slope[which, line], bends[which]))
-    # What was fitted is one of them: between the bends that are tried it may fit much better.
+    expected, bend_sigma = side.expected_bend or 0.0, side.bend
+    # Parabolas through three blocks each, as far apart as can be and evenly drawn.
+    i, k = np.triu_indices(count, max(2, count // 3))
+    every = -(-len(i) // MOST_TRIED_SURFACES)
+    i, k = i[::every], k[::every]
+    j = np.clip(i + (k - i) * np.resize(TRIED_MIDDLES, len(i)), i + 1, k - 1).astype(np.intp)
+    three = np.column_stack((i, j, k))
+    basis = np.stack((np.ones_like(along), along, along**2))
+    surfaces = np.linalg.solve(basis.T[three], heights[three][..., None])[..., 0]
+    surfaces = surfaces[np.abs(surfaces[:, 1]) < STEEPEST_SLOPE_UNDER_SCALE]
     surfaces = np.vstack((surfaces, (base.c0, base.c1, base.c2)))
-    off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
+    off = heights - surfaces @ basis
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
     costs += ((surfaces[:, 2] - expected) / bend_sigma) ** 2
     return SideWithScale(base, costs, surfaces, sigma, s, d, expected, bend_sigma)
@@ -269,11 +259,14 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
         Distance within which a point belongs to a side, in metres.
     """
     if prior is None and (
-        reflection_probability(fit.fitted) > MOST_REFLECTED_BESIDE_SCALE
-        or not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))
+        not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))
     ):
         return fit
+    row = fit.row
     fit, back = _fit_without_scale(fit, prior, tolerance)
+    if back.any():
+        # From there scale is seen that was too far off before.
+        fit, back = _fit_without_scale(replace(fit, row=row), prior, tolerance)
     if prior is None or not fit.model.has_root_bead:
         return fit
     return _fit_without_pull(fit, back, prior, tolerance)
@@ -305,20 +298,18 @@ def _fit_without_scale(
         seen = find_side_with_scale(fit, k, pulled * square)
         if seen is not None:
             scaled[k] = seen
-    log_thicknesses = np.zeros(len(SCALE_THICKNESSES))
-    for seen in scaled.values():
-        log_thicknesses = log_thicknesses + seen.log_likelihoods
-    thickness = _mean_if_present(
-        SCALE_THICKNESSES, posterior((prior or GroovePrior()).log_thicknesses, log_thicknesses)
-    )
+    log_thicknesses = np.zeros((2, len(SCALE_THICKNESSES)))
     covariance = np.zeros((2 * last + 2,) * 2)
     back = np.zeros(len(row.points))
     bends, sigmas = np.zeros(2), np.full(2, np.inf)
     curves = list(fitted.curves)
     for k, seen in scaled.items():
-        own = fitted.spans[k]
+        own, side = fitted.spans[k], int(k > 0)
+        log_thicknesses[side] = seen.log_likelihoods
+        known = (prior or GroovePrior()).log_thicknesses[side]
+        thickness = _mean_if_present(SCALE_THICKNESSES, posterior(known, log_thicknesses[side]))
         steel = seen.find_steel(thickness)
-        bends[int(k > 0)], sigmas[int(k > 0)] = steel.bend, steel.bend_sigma
+        bends[side], sigmas[side] = steel.bend, steel.bend_sigma
         if not thickness:
             continue
         back[own] = steel.on_scale * thickness / seen.base.chord_sines_with_rays(row.points[own])
