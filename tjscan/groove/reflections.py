@@ -314,12 +314,14 @@ def _far_stretches(row: Profile, residuals: Array) -> tuple[Index, Index, NDArra
     return first, stop, ~np.array((cut[first], cut[stop]))
 
 
-def most_points_off(row: Profile, fitted: FittedProfile, k: int) -> int:
-    """Most points in the place of side k that hang together and lie off it."""
+def is_outnumbered(row: Profile, fitted: FittedProfile, k: int) -> bool:
+    """Whether more points that hang together lie off side k, in its place, than any do on it."""
     runs = find_runs(row.points, row.columns)
     own = fitted.spans[k]
     run = np.arange(len(runs.first)).repeat(runs.count)[own]
-    return int(np.bincount(run[~fitted.points_on_sides[own]], minlength=1).max())
+    on = fitted.points_on_sides[own]
+    most_on, most_off = (int(np.bincount(run[one], minlength=1).max()) for one in (on, ~on))
+    return most_off >= min(most_on, int(fitted.counts[k]))
 
 
 def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:

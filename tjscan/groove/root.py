@@ -16,7 +16,7 @@ from tjscan.groove.reflections import (
     MEETING_REACH,
     MOST_REFLECTION_PROBABILITY,
     SHARE_ENDING_AT_SURFACE,
-    most_points_off,
+    is_outnumbered,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
@@ -250,7 +250,7 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
     points = int(fitted.counts[-2])
-    outnumbered = most_points_off(fit.row, fitted, -2) >= points
+    outnumbered = is_outnumbered(fit.row, fitted, -2)
     if all(meets) and not outnumbered:
         return found
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
