@@ -145,15 +145,17 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     return PointRuns(first, count, jumped[:-1] | jumped[1:])
 
 
-def stretches_of_steel(runs: PointRuns, off: NDArray[np.bool_]) -> tuple[Index, Index]:
-    """First points, and those after the last ones, of stretches off a surface that join it.
+def stretches_off_surface(runs: PointRuns, off: NDArray[np.bool_]) -> tuple[Index, Index, Array]:
+    """Stretches of points off a surface that hang together.
 
-    They go over without a jump into the points before and after them, so they are no reflections.
+    First points, points after the last ones, and whether they go over without a jump into the
+    points before and after them, shape (2, m): what does is no reflection.
     """
-    first, stop = stretches_of_true_values(off)
-    whole = runs.first.searchsorted(first) == runs.first.searchsorted(stop, side="right")
-    whole &= stop < len(off)
-    return first[whole], stop[whole]
+    begins = np.zeros(len(off) + 1, dtype=np.bool_)
+    begins[runs.first] = begins[-1] = True
+    first = np.flatnonzero(off & (begins[:-1] | ~np.roll(off, 1)))
+    stop = np.flatnonzero(off & (begins[1:] | ~np.roll(off, -1))) + 1
+    return first, stop, ~np.array((begins[first], begins[stop]))
 
 
 def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
@@ -292,26 +294,14 @@ def share_in_long_stretches(
         How much those count that jump off the surface at both ends: `SHARE_ENDING_AT_SURFACE`
         for a side that only one end shows to go over into another.
     """
-    first, stop, hangs = _far_stretches(row, residuals)
-    if not len(first):
+    far = np.abs(residuals) > LEAST_REFLECTION_DISTANCE
+    if not far.any():
         return 0.0
+    first, stop, joins = stretches_off_surface(find_runs(row.points, row.columns), far)
     length = stop - first
     counted = length >= least
-    share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
+    share = float((length * counted) @ np.where(joins.any(axis=0), 1.0, jumping))
     return min(share / len(residuals), MOST_REFLECTION_PROBABILITY)
-
-
-def _far_stretches(row: Profile, residuals: Array) -> tuple[Index, Index, NDArray[np.bool_]]:
-    """Stretches of points far off their sides.
-
-    First points, points after the last ones, and whether they begin and end without a jump,
-    shape (2, m).
-    """
-    first, stop = stretches_of_true_values(np.abs(residuals) > LEAST_REFLECTION_DISTANCE)
-    cut = np.zeros(len(residuals) + 2, dtype=np.bool_)
-    if len(first):
-        cut[find_runs(row.points, row.columns).first] = cut[len(residuals)] = True
-    return first, stop, ~np.array((cut[first], cut[stop]))
 
 
 def is_outnumbered(row: Profile, fitted: FittedProfile, k: int) -> bool:
@@ -351,7 +341,7 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
-    Points that hang together with those before and after them are no reflections. If they are
+    Points that hang together with those before or after them are hardly reflections. If they are
     several, thicker than scale, and begin at a corner, it may be at any of them. Beads leave
     their sides.
     """
@@ -361,7 +351,9 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     if np.count_nonzero(off) < FEWEST_HIDING:
         return covariance
     runs = find_runs(fit.row.points, fit.row.columns)
-    for a, b in zip(*stretches_of_steel(runs, off), strict=True):
+    first, stop, joins = stretches_off_surface(runs, off)
+    steel = joins.any(axis=0)
+    for a, b in zip(first[steel], stop[steel], strict=True):
         side = sides[int(np.searchsorted(fitted.edges, (a + b) // 2, side="right")) - 1]
         thin = np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE
         if b - a < FEWEST_HIDING or thin or side.bead:

@@ -27,7 +27,7 @@ from tjscan.groove.chains import (
 )
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
-from tjscan.groove.reflections import find_runs, stretches_of_steel
+from tjscan.groove.reflections import find_runs, stretches_off_surface
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
     LEAST_SIDES,
@@ -147,8 +147,9 @@ class _FitSearch:
         Beside many reflections some join the surface by chance: then nothing is charged.
         """
         off = _costs_of_points_on_sides(fit.fitted, fit.model, self.tolerance) >= 1
-        first, stop = stretches_of_steel(self._runs, off)
-        steel = float((stop - first)[stop - first >= FEWEST_STEEL_POINTS].sum())
+        first, stop, joins = stretches_off_surface(self._runs, off)
+        length = (stop - first)[joins.all(axis=0)]
+        steel = float(length[length >= FEWEST_STEEL_POINTS].sum())
         charged = steel > MOST_OF_OUTLIERS * np.count_nonzero(off)
         return replace(fit, cost=fit.cost + UNEXPLAINED_STEEL_COST * steel * charged)
 
