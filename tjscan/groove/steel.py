@@ -83,7 +83,7 @@ LEAST_SCALE_STEP: Final = 0.12e-3
 """Points of which medians are compared, how many steps from one to the next show scale in a single
 profile, and how high these are, in metres: a wave of 0.2 mm in 10 mm rises by less."""
 
-MOST_STEEL_ROUNDS: Final = 5
+MOST_STEEL_ROUNDS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,12 +211,14 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
     every = -(-len(i) // MOST_TRIED_SURFACES)
     i, k = i[::every], k[::every]
     j = np.clip(i + (k - i) * np.resize(TRIED_MIDDLES, len(i)), i + 1, k - 1).astype(np.intp)
-    three = np.column_stack((i, j, k))
-    basis = np.stack((np.ones_like(along), along, along**2))
-    surfaces = np.linalg.solve(basis.T[three], heights[three][..., None])[..., 0]
+    si, sj, sk = along[i], along[j], along[k]
+    first = (heights[j] - heights[i]) / (sj - si)
+    bend = ((heights[k] - heights[j]) / (sk - sj) - first) / (sk - si)
+    slope = first - bend * (si + sj)
+    surfaces = np.column_stack((heights[i] - si * (slope + si * bend), slope, bend))
     surfaces = surfaces[np.abs(surfaces[:, 1]) < STEEPEST_SLOPE_UNDER_SCALE]
     surfaces = np.vstack((surfaces, (base.c0, base.c1, base.c2)))
-    off = heights - surfaces @ basis
+    off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
     costs += ((surfaces[:, 2] - expected) / bend_sigma) ** 2
     return SideWithScale(base, costs, surfaces, sigma, s, d, expected, bend_sigma)
@@ -262,14 +264,13 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
         not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))
     ):
         return fit
-    row = fit.row
-    fit, back = _fit_without_scale(fit, prior, tolerance)
-    if back.any():
+    bare, back = _fit_without_scale(fit, prior, tolerance)
+    if np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance:
         # From there scale is seen that was too far off before.
-        fit, back = _fit_without_scale(replace(fit, row=row), prior, tolerance)
+        bare, back = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
     if prior is None or not fit.model.has_root_bead:
-        return fit
-    return _fit_without_pull(fit, back, prior, tolerance)
+        return bare
+    return _fit_without_pull(bare, back, prior, tolerance)
 
 
 def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
@@ -298,6 +299,7 @@ def _fit_without_scale(
         seen = find_side_with_scale(fit, k, pulled * square)
         if seen is not None:
             scaled[k] = seen
+    known = (prior or GroovePrior()).log_thicknesses
     log_thicknesses = np.zeros((2, len(SCALE_THICKNESSES)))
     covariance = np.zeros((2 * last + 2,) * 2)
     back = np.zeros(len(row.points))
@@ -306,8 +308,8 @@ def _fit_without_scale(
     for k, seen in scaled.items():
         own, side = fitted.spans[k], int(k > 0)
         log_thicknesses[side] = seen.log_likelihoods
-        known = (prior or GroovePrior()).log_thicknesses[side]
-        thickness = _mean_if_present(SCALE_THICKNESSES, posterior(known, log_thicknesses[side]))
+        probability = posterior(known[side], log_thicknesses[side])
+        thickness = _mean_if_present(SCALE_THICKNESSES, probability)
         steel = seen.find_steel(thickness)
         bends[side], sigmas[side] = steel.bend, steel.bend_sigma
         if not thickness:
