@@ -26,8 +26,6 @@
 #define LARGEST_NOISE_SHARE_IN_FIT 0.6
 #define _LEAST_CORRELATION 0.01
 #define _SHORTEST_LAG 0.15
-#define GHOST_SIGMAS 0.7
-#define FEWEST_POINTS_OF_GHOST 3
 #define FEWEST_SIDE_POINTS 3
 #define POOLED_NOISE_POINTS 20
 #define OUTER_SIDE_REACH 3.0
@@ -53,14 +51,9 @@
 #define MEETING_REACH 1.5e-3
 #define FEWEST_MEETING 2
 #define FEWEST_HIDING 3
-#define SIGNIFICANT_SIGMAS 3.0
-#define POINTS_PER_UNDULATION_BLOCK 10
-#define FEWEST_UNDULATION_BLOCKS 3
 #define LEAST_RAY_SINE 0.2
 #define SUPPORT_NEIGHBOURS 4
 #define CORNER_NEIGHBOURHOOD 1.5e-3
-#define LEAST_REFLECTION_OFFSET 2.0e-3
-#define FEWEST_BESIDE_CORNER 4
 #define PATCH_REACH 0.6e-3
 #define FEWEST_PATCH_POINTS 12
 #define CORNER_POINTS 3
@@ -69,12 +62,8 @@
 #define PATCHED_SHARE 0.15
 #define UNSEEN_SIDE_SLOPE 0.04
 #define PULL_PROBABILITY 0.5
-#define UNSEEN_FACE_SLOPE 0.15
-#define LARGEST_STEP_ON_SURFACE 0.7e-3
 #define FACE_END_SHARE 0.1
-#define _MEDIAN_OVER_MEAN 1.2533
 #define PULL_PRIOR_ODDS 0.5
-#define PULL_SHAPE_SIGMA 0.05
 #define NOTCH_REGION_LENGTH 8e-3
 #define FEWEST_FACE_POINTS 8
 #define LEAST_TURN_SINE 0.15
@@ -315,30 +304,9 @@ static double lag_of_half_correlation(const double *rho)
     int k = 1;
     while (k < LONGEST_LAG && !(rho[k] < 0.5)) k++;
     if (k == LONGEST_LAG) return WIDEST_HALF_LAG;
-    const double before = k > 1 ? -log(smaller(rho[k - 1], 1.0)) : 0.0;
-    const double share = (log(2.0) - before) / (-log(larger(rho[k], _LEAST_CORRELATION)) - before);
-    if (k == 1) return larger(share, _SHORTEST_LAG);
-    return smaller(sqrt((k - 1) * (k - 1) + share * (2 * k - 1)), WIDEST_HALF_LAG);
-}
-
-static void smooth_correlation(const double *rho, double count, double *lags)
-{
-    const double half = lag_of_half_correlation(rho);
-    int compared = (int)(2.5 * half);
-    compared = compared < 3 ? 3 : compared;
-    compared = compared > LONGEST_LAG - 1 ? LONGEST_LAG - 1 : compared;
-    double shapes[2][LONGEST_LAG], error[2] = {0.0, 0.0}, weight[2];
-    for (int p = 0; p < 2; p++)
-        for (int k = 0; k < LONGEST_LAG; k++) {
-            const double lag = k / half;
-            shapes[p][k] = pow(0.5, p ? lag * lag : lag);
-            const double off = shapes[p][k] - rho[k];
-            if (k >= 1 && k <= compared) error[p] += off * off;
-        }
-    const double variance = 2 * half / count * compared / 3, least = smaller(error[0], error[1]);
-    for (int p = 0; p < 2; p++) weight[p] = exp(-0.5 * (error[p] - least) / variance);
-    for (int k = 0; k < LONGEST_LAG; k++)
-        lags[k] = (weight[0] * shapes[0][k] + weight[1] * shapes[1][k]) / (weight[0] + weight[1]);
+    const double before = -log(smaller(larger(rho[k - 1], _LEAST_CORRELATION), 1.0));
+    const double after = -log(smaller(larger(rho[k], _LEAST_CORRELATION), 1.0));
+    return smaller(larger(k - 1 + (log(2.0) - before) / (after - before), _SHORTEST_LAG), WIDEST_HALF_LAG);
 }
 
 static int count_bits(uint64_t v)
@@ -365,7 +333,8 @@ static void estimate_correlation(
     for (int k = 0; k < LONGEST_LAG; k++) rho[k] /= scale;
     for (int round = 0; round < 3; round++) {
         for (int k = 0; k < LONGEST_LAG; k++) put_back[k] = rho[k] * (1 - lost) + lost;
-        smooth_correlation(put_back, count, found->lags);
+        const double half = lag_of_half_correlation(put_back);
+        for (int k = 0; k < LONGEST_LAG; k++) found->lags[k] = pow(0.5, k / half);
         total = 0.0;
         for (int k = 0; k < LONGEST_LAG; k++) total += found->lags[k];
         lost = noise_share_in_fit(parameters, larger(2 * total - 1, 1.0), count);
@@ -400,27 +369,9 @@ typedef struct {
     double matrix[MOST_SIDES][16], rhs[MOST_SIDES][4], inverse[MOST_SIDES][16], weight[MOST_SIDES][4];
 } Fit;
 
-static void drop_points_beside_ghosts(const Row *row)
-{
-    const Py_ssize_t n = row->n;
-    Py_ssize_t dropped = 0;
-    for (Py_ssize_t i = 0; i < n; i++) dropped += !row->keep[i];
-    if (dropped < FEWEST_POINTS_OF_GHOST) return;
-    for (Py_ssize_t a = 0, b; a < n; a = b) {
-        const int side = (row->scaled[a] > GHOST_SIGMAS) - (row->scaled[a] < -GHOST_SIGMAS);
-        Py_ssize_t outliers = 0;
-        for (b = a; b < n; b++) {
-            if ((row->scaled[b] > GHOST_SIGMAS) - (row->scaled[b] < -GHOST_SIGMAS) != side) break;
-            outliers += !row->keep[b];
-        }
-        if (a == 0 && b == n) return;
-        if (outliers >= FEWEST_POINTS_OF_GHOST) memset(row->keep + a, 0, (size_t)(b - a));
-    }
-}
-
 /* _fit_sides_once: from the curves and corners in `fit`, into it; 0 if there is no fit. */
 static int fit_sides_once(
-    const Row *row, Fit *fit, const double *limits, double weight[][4], const Side *sides, int shadows)
+    const Row *row, Fit *fit, const double *limits, double weight[][4], const Side *sides)
 {
     const int k = fit->k;
     fit->edges[0] = 0;
@@ -442,7 +393,6 @@ static int fit_sides_once(
             row->keep[i] = fabs(row->scaled[i]) < OUTLIER_SIGMAS;
         }
     }
-    if (shadows) drop_points_beside_ghosts(row);
     if (row->is_left_out)
         for (Py_ssize_t i = 0; i < row->n; i++) row->keep[i] &= !row->left_out[i];
 
@@ -673,7 +623,7 @@ static int refine(
             fit->curved[j] = curved[j];
         }
         memcpy(before, fit->corners, sizeof before);
-        if (!fit_sides_once(row, fit, limits, weight, sides, round >= widths)) return 0;
+        if (!fit_sides_once(row, fit, limits, weight, sides)) return 0;
         for (Py_ssize_t m = 0; m < known_count; m++) {
             double apart = 0.0;
             for (int v = 0; v < 2 * (k - 1); v++)
@@ -1738,28 +1688,6 @@ static double side_noise_variance(const Fitted *f, Py_ssize_t j)
     return f->sigmas[j] * f->sigmas[j] / (1 - lost);
 }
 
-static double undulation_sigma(const Fitted *f, Py_ssize_t j)
-{
-    enum { BLOCK = POINTS_PER_UNDULATION_BLOCK };
-    double share = BLOCK * f->lags[0], sum = 0.0;
-    for (int lag = 1; lag < BLOCK && lag < f->lag_count; lag++) share += 2.0 * (BLOCK - lag) * f->lags[lag];
-    share /= BLOCK * BLOCK;
-    Py_ssize_t kept = 0;
-    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++)
-        if (f->keep[i]) f->work[kept++] = f->residuals[i];
-    const Py_ssize_t blocks = kept / BLOCK, start = (kept - blocks * BLOCK) / 2;
-    if (blocks < FEWEST_UNDULATION_BLOCKS) return 0.0;
-    for (Py_ssize_t b = 0; b < blocks; b++) {
-        double mean = 0.0;
-        for (int i = 0; i < BLOCK; i++) mean += f->work[start + b * BLOCK + i];
-        sum += mean / BLOCK * (mean / BLOCK);
-    }
-    const double free_count = larger((double)(blocks - (2 + f->curved[j])), 1.0);
-    const double variance = sum / free_count, expected = side_noise_variance(f, j) * share;
-    if (!(variance > expected * (1 + SIGNIFICANT_SIGMAS * sqrt(2 / free_count)))) return 0.0;
-    return sqrt((variance - expected) * (1 + 4 / (double)blocks));
-}
-
 static double median_high(const double *v, Py_ssize_t n, double *work)
 {
     memcpy(work, v, (size_t)n * sizeof(double));
@@ -1771,59 +1699,6 @@ static double median_of_few(const double *v, Py_ssize_t n)
     double work[MOST_SIDES];
     const double high = median_high(v, n, work);
     return n % 2 ? high : 0.5 * (high + select_rank(work, n, n / 2 - 1));
-}
-
-static int has_jump(const double *v, Py_ssize_t n)
-{
-    double before = 0.0;
-    for (Py_ssize_t i = 0; i + 2 < n; i++) {
-        const double a = v[i], b = v[i + 1], c = v[i + 2];
-        const double middle = larger(smaller(a, b), smaller(larger(a, b), c));
-        if (i && fabs(middle - before) > LARGEST_STEP_ON_SURFACE) return 1;
-        before = middle;
-    }
-    return 0;
-}
-
-static void departures_beside_corners(const Fitted *f, double found[][2])
-{
-    double ratio[MOST_SIDES][2];
-    int significant[MOST_SIDES][2];
-    double *inward = f->work, *sorted = f->work + f->n;
-    for (Py_ssize_t i = 0; i < f->k - 1; i++)
-        for (int j = 0; j < 2; j++) {
-            const Py_ssize_t a = f->edges[i + j], b = f->edges[i + j + 1];
-            const Py_ssize_t most = b - a < FEWEST_BESIDE_CORNER + 2 ? b - a : FEWEST_BESIDE_CORNER + 2;
-            const double s = f->places[2 * i + j], sigma = sqrt(side_noise_variance(f, i + j));
-            double farthest = 0.0;
-            for (Py_ssize_t p = 0; p < most; p++)
-                farthest = larger(farthest, fabs(f->along[j ? a + p : b - 1 - p] - s));
-            const double reach = smaller(larger(CORNER_NEIGHBOURHOOD, farthest), 2 * CORNER_NEIGHBOURHOOD);
-            Py_ssize_t n = 0;
-            /* Before the corner the row ends at it, after it the row begins there. */
-            for (Py_ssize_t p = 0; p < b - a; p++) {
-                const Py_ssize_t at = j ? a + p : b - 1 - p;
-                if (fabs(f->residuals[at]) < LEAST_REFLECTION_OFFSET && fabs(f->along[at] - s) <= reach)
-                    inward[n++] = f->residuals[at];
-            }
-            found[i][j] = ratio[i][j] = 0.0;
-            significant[i][j] = 0;
-            if (n < FEWEST_BESIDE_CORNER || has_jump(inward, n)) continue;
-            const double inner = median_high(inward, n / 2, sorted);
-            const double outer = median_high(inward + n / 2, n - n / 2, sorted);
-            if (fabs(outer) > fabs(inner) + SIGNIFICANT_SIGMAS * sigma) continue;
-            found[i][j] = median_high(inward, n, sorted);
-            ratio[i][j] = found[i][j] / (_MEDIAN_OVER_MEAN * sigma * sqrt(smaller(1.0, f->inflation / (double)n)));
-            significant[i][j] = fabs(ratio[i][j]) > SIGNIFICANT_SIGMAS;
-        }
-    for (Py_ssize_t k = 1; k < f->k - 1; k++) {
-        const double a = ratio[k - 1][0], b = ratio[k][1];
-        if (f->sides[k].bead && a < 0 && b < 0 && a + b < -SIGNIFICANT_SIGMAS * sqrt(2.0))
-            significant[k - 1][0] = significant[k][1] = 1;
-    }
-    for (Py_ssize_t i = 0; i < f->k - 1; i++)
-        for (int j = 0; j < 2; j++)
-            if (!significant[i][j]) found[i][j] = 0.0;
 }
 
 static double sine_with_ray(const Curve *c, double s)
@@ -1970,29 +1845,22 @@ static int pull_costs(
                 const double *inward = shapes[w], *behind = inward + count;
                 const double *one = behind + count + 2 * r * count, *other = one + count;
                 const Py_ssize_t begin = w ? last : 0, end = w ? count : first;
-                const double fuzz = PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank->limit * tried->pull[p];
                 /* Sums of angles and of exponents: cosines and exponentials are taken only once. */
                 const double ratio = flank->met[p] / length;
                 const double angle = ends ? ratio : smaller(larger(ratio, -LARGEST_EXPONENT), LARGEST_EXPONENT);
                 const double turn_1 = ends ? cos(Pi * angle) : exp(angle), turn_2 = ends ? sin(Pi * angle) : exp(-angle);
-                double product = 1.0, logs = 0.0, pays = 0.0;
+                double pays = 0.0;
                 for (Py_ssize_t i = begin; i < end; i++) {
                     double share;
                     if (ends)
                         share = flank->met[p] - inward[i] >= length ? 0.0 : 0.5 + 0.5 * (turn_1 * one[i] + turn_2 * other[i]);
                     else
                         share = 2 / (turn_1 * one[i] + turn_2 * other[i]);
-                    const double fuzzy = fuzz * share * (fuzz * share);
                     const double away = (behind[i] + flank->square * tried->pull[p] * share) / flank->limit;
-                    pays += smaller(away * away / (1 + fuzzy), 1.0);
-                    product *= 1 + fuzzy;
-                    if (product > 1e200) {
-                        logs += log(product);
-                        product = 1.0;
-                    }
+                    pays += smaller(away * away, 1.0);
                     if (total + pays > most) break;
                 }
-                total += pays + (logs + log(product)) / (OUTLIER_SIGMAS * OUTLIER_SIGMAS);
+                total += pays;
             }
             cost[p * kinds + r] = total <= most ? total : INFINITY;
         }
@@ -2113,60 +1981,39 @@ static void tangent_at(const Curve *c, double s, double *tx, double *tz)
 /* estimate_shape_errors; 0 without memory. */
 static int shape_errors(const Fitted *f, const Tried *tried, const double *u, double shift[][2], double sigma[][2])
 {
-    double gaps[MOST_SIDES][2], unseen[MOST_SIDES][2], slow[MOST_SIDES], patches[MOST_SIDES];
+    double gaps[MOST_SIDES][2], patches[MOST_SIDES];
     const Py_ssize_t corners = f->k - 1;
-    departures_beside_corners(f, shift);
+    patch_sigmas(f, patches);
+    gaps_beside_corners(f, gaps);
     for (Py_ssize_t i = 0; i < corners; i++)
         for (int j = 0; j < 2; j++) {
-            shift[i][j] *= 0.5;
-            sigma[i][j] = fabs(shift[i][j]);
+            const Py_ssize_t side = i + j;
+            double unseen = 0.0;
+            if (side > 0 && side < corners) { /* _unseen_side_shares */
+                const double length = fabs(f->places[2 * side] - f->places[2 * (side - 1) + 1]);
+                unseen = sqrt(smaller(gaps[i][j] / larger(length, 1e-9), 1.0));
+            }
+            shift[i][j] = 0.0;
+            sigma[i][j] = hypot(patches[side], UNSEEN_SIDE_SLOPE * larger(gaps[i][j] - CORNER_NEIGHBOURHOOD, 0.0) * unseen);
         }
     for (Py_ssize_t k = 1; k < corners; k++) {
         if (!f->sides[k].bead) continue;
         Pull pull;
         if (find_pull(f, tried, u, k, &pull) < 0) return 0;
         const double probability = PULL_PROBABILITY * pull.probability;
-        for (int i = 0; i < 2; i++)
-            for (int j = 0; j < 2; j++) {
-                double pulled_shift = 0.0, pulled_sigma = 0.0;
-                const Py_ssize_t c = k - 1 + i;
-                if (j == 1 - i) { /* _errors_if_pulled_in */
-                    double ax, az, bx, bz;
-                    tangent_at(&f->curves[c], f->places[2 * c], &ax, &az);
-                    tangent_at(&f->curves[c + 1], f->places[2 * c + 1], &bx, &bz);
-                    const double slope = curve_slope(&f->curves[k], f->places[2 * c + 1 - i]);
-                    const double lower = (ax * bz - az * bx) * hypot(1.0, slope), inward = pull.inward[i];
-                    const double square = probability * (pull.sigma[i] * pull.sigma[i] + inward * inward)
-                                          - probability * inward * (probability * inward);
-                    pulled_shift = probability * inward * lower;
-                    pulled_sigma = sqrt(square) * lower;
-                }
-                shift[c][j] = (1 - pull.probability) * shift[c][j] + pulled_shift;
-                sigma[c][j] = hypot((1 - pull.probability) * sigma[c][j], pulled_sigma);
-            }
-    }
-    patch_sigmas(f, patches);
-    for (Py_ssize_t j = 0; j < f->k; j++) slow[j] = hypot(undulation_sigma(f, j), patches[j]);
-    gaps_beside_corners(f, gaps);
-    for (Py_ssize_t i = 0; i < corners; i++)
-        for (int j = 0; j < 2; j++) {
-            const Py_ssize_t side = i + j;
-            unseen[i][j] = 0.0;
-            if (side > 0 && side < corners) { /* _unseen_side_shares */
-                const double length = fabs(f->places[2 * side] - f->places[2 * (side - 1) + 1]);
-                unseen[i][j] = sqrt(smaller(gaps[i][j] / larger(length, 1e-9), 1.0));
-            }
-            const double beyond = larger(gaps[i][j] - CORNER_NEIGHBOURHOOD, 0.0);
-            sigma[i][j] = hypot(hypot(sigma[i][j], slow[side]), UNSEEN_SIDE_SLOPE * beyond * unseen[i][j]);
-        }
-    for (Py_ssize_t k = 1; k < corners; k++) {
-        if (!f->sides[k].bead) continue;
-        const double length = f->places[2 * k] - f->places[2 * (k - 1) + 1], bend = fabs(f->curves[k].c2);
-        const double bow = bend * length * length / 4, slope = UNSEEN_FACE_SLOPE + bend * length / 2;
-        for (int i = 0; i < 2; i++) {
+        const double length = f->places[2 * k] - f->places[2 * (k - 1) + 1];
+        const double bow = fabs(f->curves[k].c2) * (length * length) / 4;
+        for (int i = 0; i < 2; i++) { /* _errors_if_pulled_in */
             const Py_ssize_t c = k - 1 + i;
-            const double beyond = larger(gaps[c][1 - i] - PATCH_REACH, 0.0) * unseen[c][1 - i];
-            sigma[c][1 - i] = hypot(sigma[c][1 - i], hypot(FACE_END_SHARE * bow, slope * beyond));
+            double ax, az, bx, bz;
+            tangent_at(&f->curves[c], f->places[2 * c], &ax, &az);
+            tangent_at(&f->curves[c + 1], f->places[2 * c + 1], &bx, &bz);
+            const double slope = curve_slope(&f->curves[k], f->places[2 * c + 1 - i]);
+            const double lower = (ax * bz - az * bx) * hypot(1.0, slope), inward = pull.inward[i];
+            const double square = probability * (pull.sigma[i] * pull.sigma[i] + inward * inward)
+                                  - probability * inward * (probability * inward);
+            shift[c][1 - i] = probability * inward * lower;
+            sigma[c][1 - i] = hypot(hypot(sigma[c][1 - i], sqrt(square) * lower), FACE_END_SHARE * bow);
         }
     }
     return 1;
@@ -2457,40 +2304,6 @@ static PyObject *points_beside_corners(PyObject *self, PyObject *const *args, Py
     return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
 }
 
-static PyObject *undulation_sigmas(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    static const char letters[] = "dbidibdD";
-    Py_buffer v[8];
-    (void)self;
-    if (given != 9) return PyErr_Format(PyExc_TypeError, "undulation_sigmas takes 9 arguments");
-    const double inflation = PyFloat_AsDouble(args[8]);
-    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
-    const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[2]) - 1;
-    const int sound = are_edges(&v[2], n) && count_of(&v[1]) == n && count_of(&v[3]) == k && count_of(&v[4]) == k
-                      && count_of(&v[5]) == k && count_of(&v[6]) > 0 && count_of(&v[7]) == k;
-    double *work = sound ? malloc((size_t)n * sizeof(double)) : NULL;
-    if (work) {
-        Fitted f;
-        memset(&f, 0, sizeof f);
-        f.k = k;
-        f.residuals = v[0].buf;
-        f.keep = v[1].buf;
-        f.edges = v[2].buf;
-        f.sigmas = v[3].buf;
-        f.counts = v[4].buf;
-        f.curved = v[5].buf;
-        f.lags = v[6].buf;
-        f.lag_count = count_of(&v[6]);
-        f.inflation = inflation;
-        f.work = work;
-        for (Py_ssize_t j = 0; j < k; j++) ((double *)v[7].buf)[j] = undulation_sigma(&f, j);
-    }
-    free(work);
-    close_arrays(letters, v);
-    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
-    return work ? Py_NewRef(Py_None) : PyErr_NoMemory();
-}
-
 static PyObject *sides_that_meet(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     static const char letters[] = "ddbiddB";
@@ -2617,7 +2430,6 @@ static PyMethodDef METHODS[] = {
     {"order_points", (PyCFunction)(void (*)(void))order_points, METH_FASTCALL, NULL},
     {"costs_of_points", (PyCFunction)(void (*)(void))costs_of_points, METH_FASTCALL, NULL},
     {"points_beside_corners", (PyCFunction)(void (*)(void))points_beside_corners, METH_FASTCALL, NULL},
-    {"undulation_sigmas", (PyCFunction)(void (*)(void))undulation_sigmas, METH_FASTCALL, NULL},
     {"sides_that_meet", (PyCFunction)(void (*)(void))sides_that_meet, METH_FASTCALL, NULL},
     {"corner_estimates", (PyCFunction)(void (*)(void))corner_estimates, METH_FASTCALL, NULL},
     {"find_runs", (PyCFunction)(void (*)(void))find_runs, METH_FASTCALL, NULL},

@@ -17,7 +17,6 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.refinement import POINTS_PER_UNDULATION_BLOCK, undulation_sigmas
 from tjscan.groove.settings import FACE_BLUNTNESS, GrooveModel
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -40,9 +39,6 @@ STEEPEST_PULL: Final = 0.8
 
 PULL_PRIOR_ODDS: Final = 0.5
 """Odds that a notch is pulled in, before its points are looked at."""
-
-PULL_SHAPE_SIGMA: Final = 0.05
-"""A pull may differ from a raised cosine by this share, one standard deviation."""
 
 NOTCH_REGION_LENGTH: Final = 8e-3
 """Points this near a corner are looked at, in metres along its flank."""
@@ -226,9 +222,7 @@ def _pull_costs(
     for flank, met, on in zip(flanks, corners, (before, after), strict=True):
         away = (met[:, None] - flank.inward)[:, None]
         pull = TRIED_NOTCH_PULLS[:, None, None] * _shares_of_pull(away)
-        fuzzy = (PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank.limit * pull) ** 2
-        away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
-        pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2
+        pays = np.minimum(((flank.behind + flank.square * pull) / flank.limit) ** 2, 1)
         total = total + (pays * on[:, None]).sum(axis=2)
     return np.where((bearings[0] < bearings[1])[:, None], total, np.inf), np.array(corners)
 
@@ -273,7 +267,6 @@ def estimate_pull(row: Profile, fitted: FittedProfile, model: GrooveModel) -> tu
         In metres, and its standard deviation, infinite where nothing shows it. It may come out
         negative.
     """
-    slow = undulation_sigmas(fitted)
     closeness = closeness_to_notch(row.points, fitted.corners[-2:])
     value, information = 0.0, 0.0
     last = len(fitted.curves) - 1
@@ -292,10 +285,7 @@ def estimate_pull(row: Profile, fitted: FittedProfile, model: GrooveModel) -> tu
         expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
         basis = np.stack([s[used] ** p for p in range(4)])
         g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
-        variance = (
-            sigma**2 * fitted.noise.variance_inflation
-            + POINTS_PER_UNDULATION_BLOCK * float(slow[k]) ** 2
-        )
+        variance = sigma**2 * fitted.noise.variance_inflation
         known = np.zeros(4)
         known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
         taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))

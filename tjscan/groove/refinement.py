@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import log, sqrt
+from math import log
 from typing import Final
 
 import numpy as np
@@ -43,27 +43,9 @@ WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 LARGEST_NOISE_SHARE_IN_FIT: Final = 0.6
 """No fit is thought to take out a greater share of the noise."""
 
-POINTS_PER_UNDULATION_BLOCK: Final = 10
-"""Points over which residuals are averaged: undulation is longer, most noise is not."""
-
-FEWEST_UNDULATION_BLOCKS: Final = 3
-"""Blocks that distinguish undulation from noise."""
-
-SIGNIFICANT_SIGMAS: Final = 3.0
-"""Standard deviations from which a departure or an undulation is none of chance."""
-
 _LOG_TWO: Final = log(2)
 _LEAST_CORRELATION: Final = 0.01  # a correlation that is as good as none
 _SHORTEST_LAG: Final = 0.15  # columns: white noise
-_CORRELATION_LAG_POWERS: Final = np.array(
-    (1.0, 2.0)
-)  # of the lag in the exponent: a filter's and speckle's
-
-GHOST_SIGMAS: Final = 0.7
-"""Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
-
-FEWEST_POINTS_OF_GHOST: Final = 3
-"""Outliers that make a run."""
 
 FEWEST_SIDE_POINTS: Final = 3
 """Points that a side can be fitted to."""
@@ -106,10 +88,9 @@ def estimate_correlation(
 ) -> NoiseCorrelation:
     """Estimate the correlation from residuals over their own standard deviation.
 
-    It is taken as a bell, ``exp(-(lag / width)²)``, as speckle's, or as falling by the same
-    share from column to column, as a filter's, or as something between them, each in the
-    proportion in which it agrees with the first lags. Of the few hundred points of a profile only
-    some ninety are independent: too few to use the farther lags as they are.
+    It is taken as falling by the same share from column to column, to a half where it does. Of the
+    few hundred points of a profile only some ninety are independent: too few to use the farther
+    lags as they are.
 
     A fit takes up the slowest part of the noise: with p parameters the residuals' correlation
     is too small by about ``p inflation / n`` at all lags, which is put back.
@@ -133,21 +114,10 @@ def estimate_correlation(
     lags = np.zeros(LONGEST_LAG)
     lost: Array | float = 0.0
     for _ in range(3):
-        lags = _smooth_correlation(rho * (1 - lost) + lost, len(scaled))
+        half = _lag_of_half_correlation(rho * (1 - lost) + lost)
+        lags = 0.5 ** (np.arange(LONGEST_LAG) / half)
         lost = noise_share_in_fit(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
     return NoiseCorrelation(lags, float(max(1.0, 2 * lags.sum() - 1)))
-
-
-def _smooth_correlation(rho: Array, count: int) -> Array:
-    """A smooth correlation through where the estimated one has fallen to a half."""
-    half = _lag_of_half_correlation(rho)
-    compared = min(max(int(2.5 * half), 3), LONGEST_LAG - 1)
-    shapes = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** _CORRELATION_LAG_POWERS[:, None])
-    error = ((shapes - rho)[:, 1 : compared + 1] ** 2).sum(axis=1)
-    # Neighbouring lags are off together: of those compared about three are independent.
-    variance = 2 * half / count * compared / 3
-    weight = np.exp(-0.5 * (error - error.min()) / variance)
-    return np.asarray(weight @ shapes / weight.sum())
 
 
 def _lag_of_half_correlation(rho: Array) -> float:
@@ -156,12 +126,9 @@ def _lag_of_half_correlation(rho: Array) -> float:
     k = next((i for i in range(1, LONGEST_LAG) if values[i] < 0.5), 0)
     if k == 0:
         return WIDEST_HALF_LAG
-    before = -log(min(values[k - 1], 1.0)) if k > 1 else 0.0
-    share = (_LOG_TWO - before) / (-log(max(values[k], _LEAST_CORRELATION)) - before)
-    if k == 1:
-        return max(share, _SHORTEST_LAG)
-    # A bell's logarithm is linear in the square of the lag.
-    return min(sqrt((k - 1) ** 2 + share * (2 * k - 1)), WIDEST_HALF_LAG)
+    before, after = (-log(min(max(v, _LEAST_CORRELATION), 1.0)) for v in values[k - 1 : k + 1])
+    half = k - 1 + (_LOG_TWO - before) / (after - before)
+    return min(max(half, _SHORTEST_LAG), WIDEST_HALF_LAG)
 
 
 def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike) -> Array:
@@ -233,40 +200,6 @@ def side_noise_variances(fitted: FittedProfile) -> Array:
     return np.asarray(fitted.sigmas**2 / (1 - lost))
 
 
-def undulation_sigmas(fitted: FittedProfile) -> Array:
-    """Standard deviation of each side's slow undulation beyond noise, (k,), metres.
-
-    Parameters
-    ----------
-    fitted : FittedProfile
-        Whose noise is known.
-    """
-    found, block = np.zeros(len(fitted.curves)), POINTS_PER_UNDULATION_BLOCK
-    if kernel.compiled is not None:
-        kernel.compiled.undulation_sigmas(
-            *(fitted.residuals, fitted.keep, np.array(fitted.edges), fitted.sigmas, fitted.counts),
-            *(fitted.curved, fitted.noise.lags, found, fitted.noise.variance_inflation),
-        )
-        return found
-    lags = fitted.noise.lags[:block]
-    # Variance of a mean of correlated points, over one point's.
-    share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2
-    for k, sigma in enumerate(np.sqrt(side_noise_variances(fitted)).tolist()):
-        side = fitted.spans[k]
-        own = fitted.residuals[side][fitted.keep[side]]
-        count = len(own) // block
-        if count < FEWEST_UNDULATION_BLOCKS:
-            continue
-        start = (len(own) - count * block) // 2
-        means = own[start : start + count * block].reshape(count, block).mean(axis=1)
-        free = max(count - (2 + int(fitted.curved[k])), 1)
-        variance = float((means**2).sum()) / free
-        expected = sigma**2 * share
-        if variance > expected * (1 + SIGNIFICANT_SIGMAS * sqrt(2 / free)):
-            found[k] = sqrt((variance - expected) * (1 + 4 / count))
-    return found
-
-
 def refine_fit(
     row: Profile,
     start: Polyline,
@@ -320,8 +253,7 @@ def refine_fit(
             # Nearly the same curves, written over their tangents.
             rebased = map(CubicCurve.rebased_at_tangent, start.sides, fitted.middles)
             start = start._replace(sides=tuple(rebased))
-        shadows = count >= len(widths)
-        fitted = _fit_sides_once(row, start, limits, prior, curved, left_out, shadows=shadows)
+        fitted = _fit_sides_once(row, start, limits, prior, curved, left_out)
         if fitted is None:
             return None
         if any(np.abs(fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known):
@@ -395,8 +327,6 @@ def _fit_sides_once(
     prior: tuple[Array, Array],
     curved: NDArray[np.bool_],
     left_out: NDArray[np.bool_] | None,
-    *,
-    shadows: bool,
 ) -> FittedProfile | None:
     """Who owns which point, outliers, fits, corners."""
     x, z = row.x_s, row.z_s
@@ -417,8 +347,6 @@ def _fit_sides_once(
     s, d = x * ex + z * ez - es, x * ez - z * ex - ed
     scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
     keep = np.abs(scaled) < OUTLIER_SIGMAS
-    if shadows:
-        keep = _drop_points_beside_ghosts(scaled, keep)
     if left_out is not None:
         keep &= ~left_out
 
@@ -488,21 +416,6 @@ def _residual_sigmas(
     return np.asarray(
         (counts * sigma + POOLED_NOISE_POINTS * pooled) / (counts + POOLED_NOISE_POINTS)
     )
-
-
-def _drop_points_beside_ghosts(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Drop points that lead over from the surface to a run of reflections beside it."""
-    if len(keep) - np.count_nonzero(keep) < FEWEST_POINTS_OF_GHOST:
-        return keep
-    beside = (scaled > GHOST_SIGMAS).view(np.int8) - (scaled < -GHOST_SIGMAS).view(np.int8)
-    starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
-    if not len(starts):
-        return keep
-    # Outliers are beside the surface themselves.
-    edges = np.empty(len(starts) + 2, dtype=np.intp)
-    edges[0], edges[1:-1], edges[-1] = 0, starts, len(keep)
-    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < FEWEST_POINTS_OF_GHOST
-    return keep & surface.repeat(np.diff(edges))
 
 
 def _find_curled_rims(

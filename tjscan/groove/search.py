@@ -26,7 +26,7 @@ from tjscan.groove.chains import (
     ChainSearch,
 )
 from tjscan.groove.pieces import find_pieces, project_points
-from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
+from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
 from tjscan.groove.reflections import find_runs, stretches_off_surface
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
@@ -85,10 +85,6 @@ one bead of several may look like the face of a root, if the steel of the others
 
 LEAST_SHARE_ON_SIDE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
-
-STRAIGHT_UNDULATION: Final = 0.08e-3
-"""A side that undulates by more, in metres, may be two."""
-
 
 def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFit]:
     """Find the fits that their points support, the likeliest first, however uncertain its corners.
@@ -278,14 +274,12 @@ def _turn_between(before: tuple[float, float], after: tuple[float, float]) -> fl
 def _is_convincing(found: GrooveFit) -> bool:
     """Whether it needs no comparison with other forms.
 
-    Every corner is seen from both sides, every side is seen well, and none between wall and leg
-    undulates.
+    Every corner is seen from both sides, and every side is seen well.
     """
     fitted = found.fitted
     return (
         bool(found.seen.all())
         and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
-        and float(undulation_sigmas(fitted)[1:-1].max()) <= STRAIGHT_UNDULATION
     )
 
 

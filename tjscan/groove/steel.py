@@ -26,7 +26,6 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
-from tjscan.groove.reflections import reflection_probability
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
