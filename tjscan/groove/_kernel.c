@@ -24,6 +24,7 @@
 #define LONGEST_LAG 24
 #define WIDEST_HALF_LAG (LONGEST_LAG / 2 * 0.83)
 #define LARGEST_NOISE_SHARE_IN_FIT 0.6
+#define CORRELATION_POWER 1.5
 #define _LEAST_CORRELATION 0.01
 #define _SHORTEST_LAG 0.15
 #define FEWEST_SIDE_POINTS 3
@@ -64,6 +65,7 @@
 #define PULL_PROBABILITY 0.5
 #define FACE_END_SHARE 0.1
 #define PULL_PRIOR_ODDS 0.5
+#define PULL_SHAPE_SIGMA 0.1
 #define NOTCH_REGION_LENGTH 8e-3
 #define FEWEST_FACE_POINTS 8
 #define LEAST_TURN_SINE 0.15
@@ -334,7 +336,7 @@ static void estimate_correlation(
     for (int round = 0; round < 3; round++) {
         for (int k = 0; k < LONGEST_LAG; k++) put_back[k] = rho[k] * (1 - lost) + lost;
         const double half = lag_of_half_correlation(put_back);
-        for (int k = 0; k < LONGEST_LAG; k++) found->lags[k] = pow(0.5, k / half);
+        for (int k = 0; k < LONGEST_LAG; k++) found->lags[k] = pow(0.5, pow(k / half, CORRELATION_POWER));
         total = 0.0;
         for (int k = 0; k < LONGEST_LAG; k++) total += found->lags[k];
         lost = noise_share_in_fit(parameters, larger(2 * total - 1, 1.0), count);
@@ -1849,7 +1851,8 @@ static int pull_costs(
                 const double ratio = flank->met[p] / length;
                 const double angle = ends ? ratio : smaller(larger(ratio, -LARGEST_EXPONENT), LARGEST_EXPONENT);
                 const double turn_1 = ends ? cos(Pi * angle) : exp(angle), turn_2 = ends ? sin(Pi * angle) : exp(-angle);
-                double pays = 0.0;
+                const double fuzz = PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank->limit * tried->pull[p];
+                double product = 1.0, logs = 0.0, pays = 0.0;
                 for (Py_ssize_t i = begin; i < end; i++) {
                     double share;
                     if (ends)
@@ -1857,10 +1860,16 @@ static int pull_costs(
                     else
                         share = 2 / (turn_1 * one[i] + turn_2 * other[i]);
                     const double away = (behind[i] + flank->square * tried->pull[p] * share) / flank->limit;
-                    pays += smaller(away * away, 1.0);
+                    const double fuzzy = fuzz * share * (fuzz * share);
+                    pays += smaller(away * away / (1 + fuzzy), 1.0);
+                    product *= 1 + fuzzy;
+                    if (product > 1e200) {
+                        logs += log(product);
+                        product = 1.0;
+                    }
                     if (total + pays > most) break;
                 }
-                total += pays;
+                total += pays + (logs + log(product)) / (OUTLIER_SIGMAS * OUTLIER_SIGMAS);
             }
             cost[p * kinds + r] = total <= most ? total : INFINITY;
         }

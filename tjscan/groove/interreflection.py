@@ -40,6 +40,9 @@ STEEPEST_PULL: Final = 0.8
 PULL_PRIOR_ODDS: Final = 0.5
 """Odds that a notch is pulled in, before its points are looked at."""
 
+PULL_SHAPE_SIGMA: Final = 0.1
+"""A pull may differ from what is tried by this share, one standard deviation."""
+
 NOTCH_REGION_LENGTH: Final = 8e-3
 """Points this near a corner are looked at, in metres along its flank."""
 
@@ -222,7 +225,9 @@ def _pull_costs(
     for flank, met, on in zip(flanks, corners, (before, after), strict=True):
         away = (met[:, None] - flank.inward)[:, None]
         pull = TRIED_NOTCH_PULLS[:, None, None] * _shares_of_pull(away)
-        pays = np.minimum(((flank.behind + flank.square * pull) / flank.limit) ** 2, 1)
+        fuzzy = (PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank.limit * pull) ** 2
+        away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
+        pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2
         total = total + (pays * on[:, None]).sum(axis=2)
     return np.where((bearings[0] < bearings[1])[:, None], total, np.inf), np.array(corners)
 

@@ -43,6 +43,9 @@ WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 LARGEST_NOISE_SHARE_IN_FIT: Final = 0.6
 """No fit is thought to take out a greater share of the noise."""
 
+CORRELATION_POWER: Final = 1.5
+"""Of the lag in the exponent: a filter's correlation has one, speckle's two."""
+
 _LOG_TWO: Final = log(2)
 _LEAST_CORRELATION: Final = 0.01  # a correlation that is as good as none
 _SHORTEST_LAG: Final = 0.15  # columns: white noise
@@ -88,9 +91,9 @@ def estimate_correlation(
 ) -> NoiseCorrelation:
     """Estimate the correlation from residuals over their own standard deviation.
 
-    It is taken as falling by the same share from column to column, to a half where it does. Of the
-    few hundred points of a profile only some ninety are independent: too few to use the farther
-    lags as they are.
+    It is taken as something between a filter's and speckle's, through where it falls to a half. Of
+    the few hundred points of a profile only some ninety are independent: too few to use the
+    farther lags as they are.
 
     A fit takes up the slowest part of the noise: with p parameters the residuals' correlation
     is too small by about ``p inflation / n`` at all lags, which is put back.
@@ -115,7 +118,7 @@ def estimate_correlation(
     lost: Array | float = 0.0
     for _ in range(3):
         half = _lag_of_half_correlation(rho * (1 - lost) + lost)
-        lags = 0.5 ** (np.arange(LONGEST_LAG) / half)
+        lags = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** CORRELATION_POWER)
         lost = noise_share_in_fit(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
     return NoiseCorrelation(lags, float(max(1.0, 2 * lags.sum() - 1)))
 

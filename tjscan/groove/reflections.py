@@ -352,18 +352,20 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
         return covariance
     runs = find_runs(fit.row.points, fit.row.columns)
     first, stop, joins = stretches_off_surface(runs, off)
-    steel = joins.any(axis=0)
-    for a, b in zip(first[steel], stop[steel], strict=True):
-        side = sides[int(np.searchsorted(fitted.edges, (a + b) // 2, side="right")) - 1]
-        thin = np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE
-        if b - a < FEWEST_HIDING or thin or side.bead:
+    joined = joins.any(axis=0)
+    for a, b in zip(first[joined], stop[joined], strict=True):
+        if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         for i, corner in enumerate(fitted.corners):
             away = fit.row.points[a:b] - corner
-            near = min(float(np.hypot(*away[0])), float(np.hypot(*away[-1]))) < MEETING_REACH
-            if near:
-                own = slice(2 * i, 2 * i + 2)
-                covariance[own, own] += away.T @ away / len(away)
+            ends = np.hypot(*away[[0, -1]].T)
+            if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
+                # A bead behind which steel is seen at one end is not there at the other, either.
+                behind = fitted.residuals[a] > 0
+                others = [j for j in (i - 1, i + 1) if behind and sides[max(i, j)].bead]
+                for j in (i, *others):
+                    own = slice(2 * j, 2 * j + 2)
+                    covariance[own, own] += away.T @ away / len(away)
     return covariance
 
 

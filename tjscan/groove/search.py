@@ -86,6 +86,7 @@ one bead of several may look like the face of a root, if the steel of the others
 LEAST_SHARE_ON_SIDE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
+
 def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFit]:
     """Find the fits that their points support, the likeliest first, however uncertain its corners.
 
@@ -277,10 +278,7 @@ def _is_convincing(found: GrooveFit) -> bool:
     Every corner is seen from both sides, and every side is seen well.
     """
     fitted = found.fitted
-    return (
-        bool(found.seen.all())
-        and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
-    )
+    return bool(found.seen.all()) and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
 
 
 def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:

@@ -106,7 +106,9 @@ def estimate_shape_errors(
         if side.bead:
             own = slice(k - 1, k + 1)
             shift[own], pulled = _errors_if_pulled_in(fitted, k, find_pull(row, fitted, k))
-            bow = abs(fitted.curves[k].c2) * (fitted.places[k][0] - fitted.places[k - 1][1]) ** 2 / 4
+            bow = (
+                abs(fitted.curves[k].c2) * (fitted.places[k][0] - fitted.places[k - 1][1]) ** 2 / 4
+            )
             free = FACE_END_SHARE * bow * np.array(((0, 1), (1, 0)))
             sigma[own] = np.hypot(np.hypot(sigma[own], pulled), free)
     return shift, sigma

@@ -259,9 +259,7 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    if prior is None and (
-        not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))
-    ):
+    if prior is None and (not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))):
         return fit
     bare, back = _fit_without_scale(fit, prior, tolerance)
     if np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance:
