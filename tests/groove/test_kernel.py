@@ -115,7 +115,7 @@ def test_arrays_that_do_not_match_are_refused() -> None:
     x, columns = np.linspace(-1, 1, 100), np.arange(100)
     sides, model = np.zeros((3, 8)), np.zeros((3, 6))
     arrays = [x, x + 2, columns, sides, np.zeros((2, 2)), model, np.zeros((0, 2, 2))]
-    arrays += [np.zeros(192), np.zeros((2, 100)), np.zeros(100, dtype=bool)]
+    arrays += [np.zeros(168), np.zeros((2, 100)), np.zeros(100, dtype=bool)]
     assert kernel.compiled.refine_fit(*arrays, 100, 1e-3, True) is None
     for k, array in enumerate(arrays):
         other = [*arrays]

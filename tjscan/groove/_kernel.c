@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KERNEL_VERSION 2
+#define KERNEL_VERSION 3
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -292,10 +292,6 @@ static Py_ssize_t search_sorted(const double *v, Py_ssize_t n, double value)
 
 /* ---- the correlation of noise: groove/refinement.py ---- */
 
-typedef struct {
-    double lags[LONGEST_LAG], inflation;
-} Correlation;
-
 static double noise_share_in_fit(double parameters, double inflation, double count)
 {
     return smaller(parameters * larger(inflation, 1.0) / count, LARGEST_NOISE_SHARE_IN_FIT);
@@ -320,11 +316,10 @@ static int count_bits(uint64_t v)
 
 /* `grid` holds scaled residuals by column, zero where there is none; `held`, bit by bit, says where, with
    a word more in the end. */
-static void estimate_correlation(
-    const double *grid, const uint64_t *held, Py_ssize_t columns, double count, double parameters,
-    Correlation *found)
+static double inflation_of(
+    const double *grid, const uint64_t *held, Py_ssize_t columns, double count, double parameters)
 {
-    double rho[LONGEST_LAG], put_back[LONGEST_LAG], lost = 0.0, total = 0.0;
+    double rho[LONGEST_LAG], put_back[LONGEST_LAG], lost = 0.0, inflation = 1.0;
     for (int k = 0; k < LONGEST_LAG; k++) {
         int pairs = 0;
         for (Py_ssize_t i = 0; i <= columns / 64; i++)
@@ -336,12 +331,12 @@ static void estimate_correlation(
     for (int round = 0; round < 3; round++) {
         for (int k = 0; k < LONGEST_LAG; k++) put_back[k] = rho[k] * (1 - lost) + lost;
         const double half = lag_of_half_correlation(put_back);
-        for (int k = 0; k < LONGEST_LAG; k++) found->lags[k] = pow(0.5, pow(k / half, CORRELATION_POWER));
-        total = 0.0;
-        for (int k = 0; k < LONGEST_LAG; k++) total += found->lags[k];
-        lost = noise_share_in_fit(parameters, larger(2 * total - 1, 1.0), count);
+        double total = 0.0;
+        for (int k = 0; k < LONGEST_LAG; k++) total += pow(0.5, pow(k / half, CORRELATION_POWER));
+        inflation = larger(2 * total - 1, 1.0);
+        lost = noise_share_in_fit(parameters, inflation, count);
     }
-    found->inflation = larger(1.0, 2 * total - 1);
+    return inflation;
 }
 
 /* ---- refine_fit: groove/refinement.py ---- */
@@ -466,7 +461,7 @@ static int fit_sides_once(
     return 1;
 }
 
-static void estimate_noise(const Row *row, const Fit *fit, Correlation *noise)
+static double estimate_variance_inflation(const Row *row, const Fit *fit)
 {
     double count = 0.0, parameters = 0.0;
     memset(row->grid, 0, (size_t)row->column_count * sizeof(double));
@@ -481,31 +476,10 @@ static void estimate_noise(const Row *row, const Fit *fit, Correlation *noise)
             }
         parameters += 2 + fit->curved[j];
     }
-    estimate_correlation(row->grid, row->held, row->column_count, count, parameters, noise);
+    return inflation_of(row->grid, row->held, row->column_count, count, parameters);
 }
 
-/* What correlated_normal_matrices gives for one row of a basis, on one side. */
-static double correlated_square(
-    const Row *row, const Correlation *noise, const double *share, Py_ssize_t start, Py_ssize_t end)
-{
-    double sum = 0.0;
-    int64_t first = INT64_MAX, last = INT64_MIN;
-    for (Py_ssize_t i = start; i < end; i++)
-        if (row->keep[i]) {
-            first = row->columns[i] < first ? row->columns[i] : first;
-            last = row->columns[i] > last ? row->columns[i] : last;
-        }
-    const Py_ssize_t room = (Py_ssize_t)(last - first + 1);
-    memset(row->grid, 0, (size_t)room * sizeof(double));
-    for (Py_ssize_t i = start; i < end; i++)
-        if (row->keep[i]) row->grid[row->columns[i] - first] = share[i];
-    for (int lag = 0; lag < LONGEST_LAG && lag < room; lag++)
-        sum += (lag ? 2.0 : 1.0) * noise->lags[lag] * dot(row->grid, row->grid + lag, room - lag);
-    return sum;
-}
-
-static void log_odds_of_straight_sides(
-    const Row *row, Fit *fit, const Correlation *noise, const Side *sides)
+static void log_odds_of_straight_sides(Fit *fit, double inflation, const Side *sides)
 {
     for (int j = 0; j < fit->k; j++) {
         if (sides[j].bend_is_expected) {
@@ -513,13 +487,11 @@ static void log_odds_of_straight_sides(
             continue;
         }
         const double *c = fit->inverse[j] + 8; /* symmetric: row and column of the bend */
-        for (Py_ssize_t i = fit->edges[j]; i < fit->edges[j + 1]; i++) {
-            const double u = row->along[i] * (1 / SCALING_LENGTH);
-            row->work[i] = c[0] + u * (c[1] + u * (c[2] + u * c[3]));
-        }
-        const double lost = noise_share_in_fit(2 + fit->curved[j], noise->inflation, fit->counts[j]);
-        double variance = fit->sigmas[j] * fit->sigmas[j] / (1 - lost);
-        variance *= correlated_square(row, noise, row->work, fit->edges[j], fit->edges[j + 1]);
+        const double lost = noise_share_in_fit(2 + fit->curved[j], inflation, fit->counts[j]);
+        double variance = 0.0;
+        for (int a = 0; a < 4; a++)
+            for (int b = 0; b < 4; b++) variance += c[a] * fit->matrix[j][4 * a + b] * c[b];
+        variance *= inflation * (fit->sigmas[j] * fit->sigmas[j] / (1 - lost));
         const double spread[2] = {sides[j].bend, sides[j].twist};
         for (int a = 0; a < 2; a++) {
             const double w = fit->weight[j][2 + a];
@@ -585,7 +557,7 @@ static int read_sides(const double *model, Py_ssize_t k, Side *sides)
 /* 1 if a fit was found, 2 if it is near a known one, 0 if there is none. */
 static int refine(
     Row *row, Fit *fit, const Side *sides, double tolerance, int annealed, const double *known,
-    Py_ssize_t known_count, Correlation *noise)
+    Py_ssize_t known_count, double *variance_inflation)
 {
     static const double FIRST_ROUND_TOLERANCES[3] = {4.0, 2.0, 1.0};
     const int k = fit->k, widths = annealed ? 2 : 0;
@@ -642,10 +614,9 @@ static int refine(
         if (noise_is_known && moved < SETTLED_SIGMAS * larger(mean, LEAST_NOISE)) break;
         const int settling = round >= widths && moved < 0.1 * tolerance;
         if (noise_is_known || !(settling || round + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE)) continue;
-        estimate_noise(row, fit, noise);
+        inflation = *variance_inflation = estimate_variance_inflation(row, fit);
         noise_is_known = 1;
-        inflation = noise->inflation;
-        log_odds_of_straight_sides(row, fit, noise, sides);
+        log_odds_of_straight_sides(fit, inflation, sides);
         memcpy(straight, fit->straight, sizeof straight);
         for (int j = 0; j < k; j++)
             curved[j] = curved[j] && straight[j] < (sides[j].bead ? 0.0 : STRAIGHT_LOG_ODDS);
@@ -659,7 +630,7 @@ static int refine(
 }
 
 /* Doubles of a fit of k sides, in their order in the array that Python gets. */
-#define FIT_VALUES(k) ((k) * (8 + 2 + 2 + 1 + 1 + 1 + 1 + 1 + 16 + 4 + 16 + 4) - 4 + LONGEST_LAG + 1)
+#define FIT_VALUES(k) ((k) * (8 + 2 + 2 + 1 + 1 + 1 + 1 + 1 + 16 + 4 + 16 + 4) - 4 + 1)
 
 static double *put(double *to, const void *from, size_t count)
 {
@@ -699,14 +670,13 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
                (uint8_t *)(memory + 3 * n + 2 * column_count), 0};
     for (Py_ssize_t i = 0; i < n; i++) row.u[i] = -row.x[i] / row.z[i];
     Fit fit;
-    Correlation noise;
+    double inflation = 1.0;
     memset(&fit, 0, sizeof fit);
-    memset(&noise, 0, sizeof noise);
     fit.k = (int)k;
     memcpy(fit.curves, v[3].buf, (size_t)k * sizeof(Curve));
     memcpy(fit.corners, v[4].buf, (size_t)(k - 1) * 2 * sizeof(double));
     const Py_ssize_t known = count_of(&v[6]) / (2 * (k - 1));
-    const int found = refine(&row, &fit, sides, tolerance, annealed, v[6].buf, known, &noise);
+    const int found = refine(&row, &fit, sides, tolerance, annealed, v[6].buf, known, &inflation);
     free(memory);
     if (found) {
         const size_t m = (size_t)k;
@@ -723,8 +693,7 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
         to = put(to, fit.rhs, 4 * m);
         to = put(to, fit.inverse, 16 * m);
         to = put(to, fit.weight, 4 * m);
-        to = put(to, noise.lags, LONGEST_LAG);
-        *to = noise.inflation;
+        *to = inflation;
         result = PyTuple_New(k + 2);
         if (result) PyTuple_SetItem(result, 0, PyBool_FromLong(found == 1));
         for (Py_ssize_t j = 0; result && j <= k; j++)
@@ -1665,15 +1634,15 @@ static const double Pi = 3.14159265358979323846;
 
 /* A fit as Python holds it, and the points it rests on. */
 typedef struct {
-    Py_ssize_t n, k, lag_count, column_count;
-    const double *x, *z, *along, *residuals, *places, *corners, *sigmas, *middles, *lags, *straight;
+    Py_ssize_t n, k;
+    const double *x, *z, *along, *residuals, *places, *corners, *sigmas, *middles, *straight;
     const double *matrix, *rhs, *inverse, *weight;
-    const int64_t *columns, *edges, *counts;
+    const int64_t *edges, *counts;
     const uint8_t *keep, *curved;
     const Curve *curves;
     double inflation;
     Side sides[MOST_SIDES];
-    double *work; /* n values, and twice four rows of columns with room on both ends */
+    double *work; /* twice n values */
     uint8_t *on;
 } Fitted;
 
@@ -2028,42 +1997,7 @@ static int shape_errors(const Fitted *f, const Tried *tried, const double *u, do
     return 1;
 }
 
-/* correlated_normal_matrices of powers of s / 20 mm, of one side. */
-static void correlated_normal_matrix(const Fitted *f, Py_ssize_t j, double m[16])
-{
-    int64_t first = INT64_MAX, last = INT64_MIN;
-    memset(m, 0, 16 * sizeof(double));
-    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++)
-        if (f->keep[i]) {
-            first = f->columns[i] < first ? f->columns[i] : first;
-            last = f->columns[i] > last ? f->columns[i] : last;
-        }
-    const Py_ssize_t room = (Py_ssize_t)(last - first + 1), row = room + 2 * LONGEST_LAG;
-    double *grid = f->work, *smooth = f->work + 4 * (f->column_count + 2 * LONGEST_LAG);
-    memset(grid, 0, (size_t)(4 * row) * sizeof(double));
-    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++) {
-        if (!f->keep[i]) continue;
-        double *at = grid + LONGEST_LAG + (f->columns[i] - first);
-        const double v = f->along[i] * (1 / SCALING_LENGTH);
-        at[0] = 1.0;
-        at[row] = v;
-        at[2 * row] = v * v;
-        at[3 * row] = v * v * v;
-    }
-    for (int a = 0; a < 4; a++) {
-        const double *from = grid + a * row + LONGEST_LAG;
-        for (Py_ssize_t i = 0; i < room; i++) smooth[i] = f->lags[0] * from[i];
-        for (Py_ssize_t lag = 1; lag < f->lag_count; lag++) {
-            const double share = f->lags[lag];
-            for (Py_ssize_t i = 0; i < room; i++) smooth[i] += share * (from[i - lag] + from[i + lag]);
-        }
-        for (int b = 0; b <= a; b++) {
-            m[4 * a + b] = m[4 * b + a] = dot(grid + b * row + LONGEST_LAG, smooth, room);
-        }
-    }
-}
-
-/* _sandwich_covariance, added with a weight. */
+/* coefficient_covariances of one side, added with a weight. */
 static void add_sandwich(
     const double *inverse, const double *meat, const double *weight, const Side *side, double share, double *total)
 {
@@ -2092,8 +2026,7 @@ static int coefficient_covariance(const Fitted *f, Py_ssize_t j, double total[16
                               SCALING_LENGTH * SCALING_LENGTH * SCALING_LENGTH};
     const double here[4] = {curve->c0, curve->c1, curve->c2, curve->c3};
     double meat[16], share = 0.0;
-    correlated_normal_matrix(f, j, meat);
-    for (int i = 0; i < 16; i++) meat[i] *= variance;
+    for (int i = 0; i < 16; i++) meat[i] = f->inflation * variance * f->matrix[16 * j + i];
     memset(total, 0, 16 * sizeof(double));
     if (f->straight && side->bend > 0)
         share = 1 / (1 + exp(f->curved[j] ? -f->straight[j] : f->straight[j]));
@@ -2192,42 +2125,39 @@ static int estimate_corners(const Fitted *f, const Tried *tried, const double *u
 
 static PyObject *corner_estimates(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    static const char letters[] = "ddiddddddbibddddiddddddbdDD";
+    static const char letters[] = "ddddddddbibddddidddddbdDD";
     enum {
-        X, Z, COLUMN, CURVE, PLACE, CORNER, ALONG, RESIDUAL, SIGMA, KEEP, EDGE, CURVED, MATRIX, RHS, INVERSE,
-        WEIGHT, COUNT, MIDDLE, LAG, STRAIGHT, PULL, REACH, DECAY, SMOOTH, MODEL, ESTIMATE, COVARIANCE, ARRAYS
+        X, Z, CURVE, PLACE, CORNER, ALONG, RESIDUAL, SIGMA, KEEP, EDGE, CURVED, MATRIX, RHS, INVERSE,
+        WEIGHT, COUNT, MIDDLE, STRAIGHT, PULL, REACH, DECAY, SMOOTH, MODEL, ESTIMATE, COVARIANCE, ARRAYS
     };
     Py_buffer v[ARRAYS];
     (void)self;
-    if (given != ARRAYS + 2) return PyErr_Format(PyExc_TypeError, "corner_estimates takes 29 arguments");
+    if (given != ARRAYS + 1) return PyErr_Format(PyExc_TypeError, "corner_estimates takes 26 arguments");
     const double inflation = PyFloat_AsDouble(args[ARRAYS]);
-    const Py_ssize_t column_count = PyLong_AsSsize_t(args[ARRAYS + 1]);
     if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
     const Py_ssize_t n = count_of(&v[X]), k = count_of(&v[CURVE]) / SIDE_VALUES, straight = count_of(&v[STRAIGHT]);
     const Tried tried = {count_of(&v[PULL]), count_of(&v[REACH]), count_of(&v[DECAY]), v[PULL].buf, v[REACH].buf,
                          v[DECAY].buf, v[SMOOTH].buf};
     const Py_ssize_t sizes[ARRAYS] = {
-        n, n, n, SIDE_VALUES * k, 2 * (k - 1), 2 * (k - 1), n, n, k, n, k + 1, k, 16 * k, 4 * k, 16 * k, 4 * k, k, k,
-        count_of(&v[LAG]), straight ? k : 0, tried.pulls, tried.reaches, tried.decays,
+        n, n, SIDE_VALUES * k, 2 * (k - 1), 2 * (k - 1), n, n, k, n, k + 1, k, 16 * k, 4 * k, 16 * k, 4 * k, k, k,
+        straight ? k : 0, tried.pulls, tried.reaches, tried.decays,
         tried.pulls * (tried.reaches + tried.decays), MODEL_VALUES * k, 2 * (k - 1), 4 * k * k};
-    int sound = k >= 2 && k <= MOST_SIDES && column_count >= 0 && tried.pulls <= MOST_PULLS && sizes[LAG] > 0
-                && sizes[LAG] <= LONGEST_LAG;
+    int sound = k >= 2 && k <= MOST_SIDES && tried.pulls <= MOST_PULLS;
     for (int i = 0; i < ARRAYS; i++) sound = sound && count_of(&v[i]) == sizes[i];
-    const int64_t *columns = v[COLUMN].buf, *edges = v[EDGE].buf;
-    for (Py_ssize_t i = 0; sound && i < n; i++) sound = columns[i] >= 0 && columns[i] < column_count;
+    const int64_t *edges = v[EDGE].buf;
     for (Py_ssize_t j = 0; sound && j < k; j++) sound = edges[j] >= 0 && edges[j] < edges[j + 1];
     sound = sound && edges[0] == 0 && edges[k] == n;
     Fitted f;
     if (sound) {
-        const Fitted given_fit = {n, k, sizes[LAG], column_count, v[X].buf, v[Z].buf, v[ALONG].buf, v[RESIDUAL].buf,
-                                  v[PLACE].buf, v[CORNER].buf, v[SIGMA].buf, v[MIDDLE].buf, v[LAG].buf,
+        const Fitted given_fit = {n, k, v[X].buf, v[Z].buf, v[ALONG].buf, v[RESIDUAL].buf,
+                                  v[PLACE].buf, v[CORNER].buf, v[SIGMA].buf, v[MIDDLE].buf,
                                   straight ? v[STRAIGHT].buf : NULL, v[MATRIX].buf, v[RHS].buf, v[INVERSE].buf,
-                                  v[WEIGHT].buf, columns, edges, v[COUNT].buf, v[KEEP].buf, v[CURVED].buf,
+                                  v[WEIGHT].buf, edges, v[COUNT].buf, v[KEEP].buf, v[CURVED].buf,
                                   v[CURVE].buf, inflation, {{0}}, NULL, NULL};
         f = given_fit;
         sound = read_sides(v[MODEL].buf, k, f.sides);
     }
-    const size_t room = (size_t)(5 * (column_count + 2 * LONGEST_LAG) + 3 * n);
+    const size_t room = 3 * (size_t)n;
     double *memory = sound ? malloc((room + (size_t)n) * sizeof(double)) : NULL;
     int done = -2;
     if (memory) {

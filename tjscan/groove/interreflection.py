@@ -165,7 +165,7 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
         return NO_PULL
     costs = np.array([cost for cost, _ in known])
     inward = np.array([corners for _, corners in known])[:, :, :, None]
-    inflation = fitted.noise.variance_inflation
+    inflation = fitted.variance_inflation
     weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * SMOOTH_PULLS
     total = float(weight.sum())
     odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(SMOOTH_PULLS))
@@ -290,7 +290,7 @@ def estimate_pull(row: Profile, fitted: FittedProfile, model: GrooveModel) -> tu
         expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
         basis = np.stack([s[used] ** p for p in range(4)])
         g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
-        variance = sigma**2 * fitted.noise.variance_inflation
+        variance = sigma**2 * fitted.variance_inflation
         known = np.zeros(4)
         known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
         taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))

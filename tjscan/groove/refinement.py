@@ -24,18 +24,19 @@ from tjscan.groove.settings import FACE_BLUNTNESS, SideModel
 from tjscan.groove.sides import (
     FIXED_WEIGHT,
     LEAST_NOISE,
-    LONGEST_LAG,
     OUTLIER_SIGMAS,
     SCALING_LENGTH,
     SCALING_LENGTH_POWERS,
     CubicCurve,
     FittedProfile,
     Index,
-    NoiseCorrelation,
     Polyline,
     corners_between_sides,
 )
 from tjscan.laser.profile import Profile
+
+LONGEST_LAG: Final = 24
+"""Lag in columns beyond which noise is taken as independent."""
 
 WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 """Largest lag of half the correlation: what stays correlated for longer is shape, not noise."""
@@ -86,43 +87,6 @@ _MAD_TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian no
 _GUESSED_VARIANCE_INFLATION: Final = 4.0  # before the noise's correlation is known
 
 
-def estimate_correlation(
-    scaled: Array, columns: Index, count: int, parameters: int
-) -> NoiseCorrelation:
-    """Estimate the correlation from residuals over their own standard deviation.
-
-    It is taken as something between a filter's and speckle's, through where it falls to a half. Of
-    the few hundred points of a profile only some ninety are independent: too few to use the
-    farther lags as they are.
-
-    A fit takes up the slowest part of the noise: with p parameters the residuals' correlation
-    is too small by about ``p inflation / n`` at all lags, which is put back.
-
-    Parameters
-    ----------
-    scaled : ndarray, shape (n,)
-    columns : ndarray of int, shape (n,)
-        The column of each.
-    count : int
-        Columns in all.
-    parameters : int
-        Number of coefficients that were fitted.
-    """
-    grid = np.zeros((2, count + LONGEST_LAG - 1))
-    grid[0, columns] = scaled
-    grid[1, columns] = 1.0
-    product, pairs = (np.correlate(row, row[:count]) for row in grid)
-    rho = product / np.maximum(pairs, 1.0)
-    rho = rho / max(float(rho[0]), 1e-30)
-    lags = np.zeros(LONGEST_LAG)
-    lost: Array | float = 0.0
-    for _ in range(3):
-        half = _lag_of_half_correlation(rho * (1 - lost) + lost)
-        lags = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** CORRELATION_POWER)
-        lost = noise_share_in_fit(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
-    return NoiseCorrelation(lags, float(max(1.0, 2 * lags.sum() - 1)))
-
-
 def _lag_of_half_correlation(rho: Array) -> float:
     """Lag at which a correlation has fallen to a half."""
     values = rho.tolist()
@@ -150,56 +114,39 @@ def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike
     return np.asarray(np.minimum(taken, LARGEST_NOISE_SHARE_IN_FIT))
 
 
-def correlated_normal_matrices(
-    noise: NoiseCorrelation, basis: Array, counts: Index, columns: Index
-) -> Array:
-    """``B R Bᵀ`` for each side, R being the correlation of the columns of its points.
+def estimate_variance_inflation(row: Profile, fitted: FittedProfile) -> float:
+    """By how much the correlation of the columns' noise raises the variance of a mean of many.
 
-    Parameters
-    ----------
-    basis : ndarray, shape (p, n)
-        Derivatives of a side's height by its coefficients, at its own points.
-    counts : ndarray of int, shape (k,)
-        How many of the points belong to each side, one side after the other.
-    columns : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (k, p, p)
-    """
-    ends = counts.cumsum()
-    starts = ends - counts
-    first = np.minimum.reduceat(columns, starts)
-    # Sides are laid so far apart that they do not correlate.
-    room = np.maximum.reduceat(columns, starts) - first + LONGEST_LAG
-    places = columns + (room.cumsum() - room - first).repeat(counts)
-    grid = np.zeros((len(basis), room.sum()))
-    grid[:, places] = basis
-    kernel = np.concatenate((noise.lags[:0:-1], noise.lags))
-    smooth = np.array([np.convolve(row, kernel, "same") for row in grid])[:, places]
-    spans = zip(starts.tolist(), ends.tolist(), strict=True)
-    return np.array([basis[:, a:b] @ smooth[:, a:b].T for a, b in spans])
-
-
-def estimate_noise_correlation(row: Profile, fitted: FittedProfile) -> NoiseCorrelation:
-    """Estimate the correlation of the columns' noise from the residuals of all sides.
+    It is taken as something between a filter's and speckle's, through where it falls to a half. Of
+    the few hundred points of a profile only some ninety are independent: too few to use the
+    farther lags as they are. A fit takes up the slowest part of the noise: with p parameters the
+    residuals' correlation is too small by about ``p inflation / n`` at all lags, which is put back.
 
     Parameters
     ----------
     row : Profile
     fitted : FittedProfile
     """
-    keep = fitted.keep
+    keep, count = fitted.keep, row.column_count
     scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
-    return estimate_correlation(
-        scaled, row.columns[keep], row.column_count, int((2 + fitted.curved).sum())
-    )
+    grid = np.zeros((2, count + LONGEST_LAG - 1))
+    grid[0, row.columns[keep]] = scaled
+    grid[1, row.columns[keep]] = 1.0
+    product, pairs = (np.correlate(one, one[:count]) for one in grid)
+    rho = product / np.maximum(pairs, 1.0)
+    rho /= max(float(rho[0]), 1e-30)
+    inflation, lost = 1.0, np.zeros(())
+    for _ in range(3):
+        half = _lag_of_half_correlation(rho * (1 - lost) + lost)
+        lags = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** CORRELATION_POWER)
+        inflation = max(2 * float(lags.sum()) - 1, 1.0)
+        lost = noise_share_in_fit((2 + fitted.curved).sum(), inflation, len(scaled))
+    return inflation
 
 
 def side_noise_variances(fitted: FittedProfile) -> Array:
     """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
-    inflation = fitted.noise.variance_inflation
-    lost = noise_share_in_fit(2 + fitted.curved, inflation, fitted.counts)
+    lost = noise_share_in_fit(2 + fitted.curved, fitted.variance_inflation, fitted.counts)
     return np.asarray(fitted.sigmas**2 / (1 - lost))
 
 
@@ -241,7 +188,7 @@ def refine_fit(
     sigmas = np.full(len(model), tolerance / 4)
     holes = np.flatnonzero(np.abs(np.diff(row.columns)) > LEAST_COLUMNS_OF_HOLE)
     fitted: FittedProfile | None = None
-    noise: NoiseCorrelation | None = None
+    noise_is_known = False
     straight: Array | None = None
     left_out: NDArray[np.bool_] | None = None
     for count in range(MOST_REFINEMENT_ROUNDS):
@@ -263,21 +210,21 @@ def refine_fit(
             return fitted
         moved = np.abs(fitted.corners - start.corners).max() if count else np.inf
         start, sigmas = start._replace(sides=fitted.curves, corners=fitted.corners), fitted.sigmas
-        if noise is not None and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
+        if noise_is_known and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
-        if noise is None and (settling or count + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE):
-            noise = estimate_noise_correlation(row, fitted)
-            inflation = noise.variance_inflation
-            straight = _log_odds_of_straight_sides(row, replace(fitted, noise=noise), model)
+        if not noise_is_known and (settling or count + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE):
+            inflation, noise_is_known = estimate_variance_inflation(row, fitted), True
+            fitted = replace(fitted, variance_inflation=inflation)
+            straight = _log_odds_of_straight_sides(fitted, model)
             curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
             if left_out is None and len(holes):
                 left_out = _find_curled_rims(fitted, holes, bead)
                 if left_out is not None:
-                    curved, noise = curved | bead & (spread[:, 0] > 0), None
-    if fitted is None or noise is None:
+                    curved, noise_is_known = curved | bead & (spread[:, 0] > 0), False
+    if fitted is None or not noise_is_known:
         return None
-    return replace(fitted, noise=noise, straight=straight)
+    return replace(fitted, variance_inflation=inflation, straight=straight)
 
 
 def _face_bluntness(line: Polyline, model: tuple[SideModel, ...]) -> Array:
@@ -445,26 +392,25 @@ def _find_curled_rims(
     return found
 
 
-def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:
-    """Terms that unknown bend and twist add to the equations' right-hand side, shape (k, 2)."""
-    return np.where(weight[:, 2:] < FIXED_WEIGHT, weight[:, 2:] * spread, 0.0)
-
-
-def _log_odds_of_straight_sides(
-    row: Profile, fitted: FittedProfile, model: tuple[SideModel, ...]
+def coefficient_covariances(
+    fitted: FittedProfile, inverse: Array, weight: Array, spread: Array
 ) -> Array:
+    """Covariance of each side's coefficients, shape (k, 4, 4), in powers of s / 20 mm.
+
+    Noise enters through the points, the unknown bend and twist through the prior: ``inverse
+    (sigma² inflation A + W S W) inverse``.
+    """
+    variance = fitted.variance_inflation * side_noise_variances(fitted)
+    meat = variance[:, None, None] * fitted.equations[0]
+    meat[:, (2, 3), (2, 3)] += (np.where(weight < FIXED_WEIGHT, weight, 0.0)[:, 2:] * spread) ** 2
+    return np.asarray(inverse @ meat @ inverse)
+
+
+def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     spread = prior_shape_sigmas(model)
-    keep = fitted.keep
-    u = fitted.along[keep] / SCALING_LENGTH
-    c0, c1, c2, c3 = fitted.inverse[:, 2].T.repeat(fitted.counts, axis=1)
-    # What each point adds to the bend of its side.
-    share = c0 + u * (c1 + u * (c2 + u * c3))
-    doubt = prior_uncertainty_terms(fitted.weight, spread)
-    sums = correlated_normal_matrices(fitted.noise, share[None], fitted.counts, row.columns[keep])
-    variance = side_noise_variances(fitted) * sums[:, 0, 0]
-    variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
-    variance = np.maximum(variance, 1e-30)
+    covariances = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
+    variance = np.maximum(covariances[:, 2, 2], 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * SCALING_LENGTH**2
     prior = np.maximum(spread[:, 0], 1e-15)
     odds = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)

@@ -391,7 +391,7 @@ def _column_spacing_along_bevel(
 def _height_variances(fitted: FittedProfile) -> Array:
     """Variance of each side's height at one of its ends, in m², shape (k,)."""
     # A line's height at its end is known half as well as in its middle.
-    share = np.minimum(4 * fitted.noise.variance_inflation / fitted.counts, 1.0)
+    share = np.minimum(4 * fitted.variance_inflation / fitted.counts, 1.0)
     return np.asarray(fitted.sigmas**2 * share)
 
 

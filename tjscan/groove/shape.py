@@ -27,12 +27,10 @@ from tjscan.groove.interreflection import (
     find_pull,
 )
 from tjscan.groove.refinement import (
-    correlated_normal_matrices,
+    coefficient_covariances,
     prior_shape_means,
     prior_shape_sigmas,
-    prior_uncertainty_terms,
     prior_weights,
-    side_noise_variances,
     solve_with_prior,
 )
 from tjscan.groove.settings import SideModel
@@ -257,14 +255,13 @@ def _compiled_estimates(compiled: ModuleType, fit: GrooveFit) -> tuple[Array, Ar
     straight = fitted.straight if fitted.straight is not None else np.empty(0)
     corners, covariance = np.empty((k - 1, 2)), np.empty((2 * k, 2 * k))
     sound = compiled.corner_estimates(
-        *(row.x_s, row.z_s, row.columns),
-        *(np.array(fitted.curves), np.array(fitted.places), fitted.corners),
+        *(row.x_s, row.z_s, np.array(fitted.curves), np.array(fitted.places), fitted.corners),
         *(fitted.along, fitted.residuals, fitted.sigmas, fitted.keep, np.array(fitted.edges)),
         *(fitted.curved, *fitted.equations, fitted.inverse, fitted.weight, fitted.counts),
-        *(np.array(fitted.middles), fitted.noise.lags, straight),
+        *(np.array(fitted.middles), straight),
         *(TRIED_NOTCH_PULLS, TRIED_PULL_REACHES, TRIED_PULL_DECAYS, SMOOTH_PULLS),
         *(kernel.model_values(fit.model.sides), corners, covariance),
-        *(fitted.noise.variance_inflation, row.column_count),
+        fitted.variance_inflation,
     )
     if not sound:
         raise np.linalg.LinAlgError("the points of a side do not show it")
@@ -274,39 +271,23 @@ def _compiled_estimates(compiled: ModuleType, fit: GrooveFit) -> tuple[Array, Ar
 def _coefficient_covariances(fit: GrooveFit) -> Array:
     """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
 
-    Noise enters through the points, the unknown bend and twist through the prior: ``inverse
-    (sigma² B R Bᵀ + W S W) inverse``. Whether a side is straight is not certain either: what
-    was not chosen, with its own coefficients, counts by how likely it is (Bayesian model
-    averaging).
+    Whether a side is straight is not certain: what was not chosen, with its own coefficients,
+    counts by how likely it is (Bayesian model averaging).
     """
     fitted, sides = fit.fitted, fit.model.sides
     spread, expected = prior_shape_sigmas(sides), prior_shape_means(sides)
-    keep = fitted.keep
-    u = fitted.along[keep] / SCALING_LENGTH_POWERS[1]
-    basis = np.empty((4, len(u)))
-    basis[0], basis[1] = 1.0, u
-    np.multiply(u, u, out=basis[2])
-    np.multiply(basis[2], u, out=basis[3])
-    meat = correlated_normal_matrices(fitted.noise, basis, fitted.counts, fit.row.columns[keep])
-    meat *= side_noise_variances(fitted)[:, None, None]
     bends = spread[:, 0] > 0
     here = SCALING_LENGTH_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
-    total = _sandwich_covariance(fitted.inverse, meat, fitted.weight, spread)
+    total = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     if fitted.straight is not None:
         other = prior_weights(
-            spread, bends & ~fitted.curved, fitted.sigmas, fitted.noise.variance_inflation
+            spread, bends & ~fitted.curved, fitted.sigmas, fitted.variance_inflation
         )
         there, inverse = solve_with_prior(fitted.equations, other, expected)
         away = there - here
         odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
         share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]
         total *= 1 - share
-        total += share * _sandwich_covariance(inverse, meat, other, spread)
+        total += share * coefficient_covariances(fitted, inverse, other, spread)
         total += share * away[:, :, None] * away[:, None]
     return np.asarray(total / (SCALING_LENGTH_POWERS[:, None] * SCALING_LENGTH_POWERS))
-
-
-def _sandwich_covariance(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:
-    meat = meat.copy()
-    meat[:, (2, 3), (2, 3)] += prior_uncertainty_terms(weight, spread) ** 2
-    return np.asarray(inverse @ meat @ inverse)

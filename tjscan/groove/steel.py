@@ -202,7 +202,7 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
     blocks = near[: count * POINTS_PER_SCALE_BLOCK].reshape(count, POINTS_PER_SCALE_BLOCK)
     along, heights = s[blocks].mean(axis=1), np.median(d[blocks], axis=1)
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
-    correlated = min(fitted.noise.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
+    correlated = min(fitted.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
     sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
     expected, bend_sigma = side.expected_bend or 0.0, side.bend
     # Parabolas through three blocks each, as far apart as can be and evenly drawn.
