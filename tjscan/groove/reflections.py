@@ -145,7 +145,9 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     return PointRuns(first, count, jumped[:-1] | jumped[1:])
 
 
-def stretches_off_surface(runs: PointRuns, off: NDArray[np.bool_]) -> tuple[Index, Index, Array]:
+def stretches_off_surface(
+    runs: PointRuns, off: NDArray[np.bool_]
+) -> tuple[Index, Index, NDArray[np.bool_]]:
     """Stretches of points off a surface that hang together.
 
     First points, points after the last ones, and whether they go over without a jump into the

@@ -206,15 +206,15 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
     sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
     expected, bend_sigma = side.expected_bend or 0.0, side.bend
     # Parabolas through three blocks each, as far apart as can be and evenly drawn.
-    i, k = np.triu_indices(count, max(2, count // 3))
-    every = -(-len(i) // MOST_TRIED_SURFACES)
-    i, k = i[::every], k[::every]
-    j = np.clip(i + (k - i) * np.resize(TRIED_MIDDLES, len(i)), i + 1, k - 1).astype(np.intp)
-    si, sj, sk = along[i], along[j], along[k]
-    first = (heights[j] - heights[i]) / (sj - si)
-    bend = ((heights[k] - heights[j]) / (sk - sj) - first) / (sk - si)
-    slope = first - bend * (si + sj)
-    surfaces = np.column_stack((heights[i] - si * (slope + si * bend), slope, bend))
+    a, c = np.triu_indices(count, max(2, count // 3))
+    every = -(-len(a) // MOST_TRIED_SURFACES)
+    a, c = a[::every], c[::every]
+    b = np.clip(a + (c - a) * np.resize(TRIED_MIDDLES, len(a)), a + 1, c - 1).astype(np.intp)
+    sa, sb, sc = along[a], along[b], along[c]
+    first = (heights[b] - heights[a]) / (sb - sa)
+    bend = ((heights[c] - heights[b]) / (sc - sb) - first) / (sc - sa)
+    slope = first - bend * (sa + sb)
+    surfaces = np.column_stack((heights[a] - sa * (slope + sa * bend), slope, bend))
     surfaces = surfaces[np.abs(surfaces[:, 1]) < STEEPEST_SLOPE_UNDER_SCALE]
     surfaces = np.vstack((surfaces, (base.c0, base.c1, base.c2)))
     off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
