@@ -44,7 +44,7 @@ WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 LARGEST_NOISE_SHARE_IN_FIT: Final = 0.6
 """No fit is thought to take out a greater share of the noise."""
 
-CORRELATION_POWER: Final = 1.5
+CORRELATION_POWER: Final = 1.6
 """Of the lag in the exponent: a filter's correlation has one, speckle's two."""
 
 _LOG_TWO: Final = log(2)
