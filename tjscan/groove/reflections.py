@@ -343,9 +343,8 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
-    Points that hang together with those before or after them are hardly reflections. If they are
-    several, thicker than scale, and begin at a corner, it may be at any of them. Beads leave
-    their sides.
+    Points that hang together with those before and after them are no reflections. If they are
+    several, thicker than scale, and begin at a corner, it may be at any of them.
     """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
@@ -354,8 +353,8 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
         return covariance
     runs = find_runs(fit.row.points, fit.row.columns)
     first, stop, joins = stretches_off_surface(runs, off)
-    joined = joins.any(axis=0)
-    for a, b in zip(first[joined], stop[joined], strict=True):
+    steel = joins.all(axis=0)
+    for a, b in zip(first[steel], stop[steel], strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         for i, corner in enumerate(fitted.corners):
