@@ -85,9 +85,9 @@ def outcome(world: WeldWorld, planner: WeldPlanner | None, unnamed: int) -> Outc
     if planner is not None:
         found, true = planner.learner, world.faults
         learnt = (
-            100 * abs(found.gain.value / true.gain - 1),
+            100 * abs(found.gain.value / (1 + true.gain) - 1),
             1e3 * abs(found.offset.value - true.offset),
-            100 * abs(found.shrinkage.value / true.shrinkage - 1),
+            100 * abs(found.shrinkage.value / (1 + true.shrinkage) - 1),
         )
     return Outcome(
         1e3 * float(np.sqrt(np.mean(fill**2))),

@@ -15,7 +15,7 @@ from tjscan.welding.replan import WeldPlanner
 from tjscan.welding.target import WeldTarget, remaining_area
 from tjscan.welding.world import WeldFaults, WeldWorld
 
-FAULTS = WeldFaults(gain=0.96, offset=0.5e-3, wander_sigma=0.3e-3, shrinkage=1.25)
+FAULTS = WeldFaults(gain=-0.04, offset=0.5e-3, wander=0.3e-3, shrinkage=0.25)
 SURE = np.full(41, 0.05e-3)
 EVERYWHERE = np.ones(41, dtype=bool)
 

@@ -8,7 +8,13 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tjscan.core.frames import Array, Mask, array_dataclass
+from tjscan.core.frames import (
+    Array,
+    Mask,
+    PlanarPoints,
+    array_dataclass,
+    stretches_of_true_values,
+)
 from tjscan.planning.wps import ArcSettings, RootSettings, WeldingProcedure
 from tjscan.welding.aims import (
     CAP_SPREAD,
@@ -116,8 +122,8 @@ class NextBead:
     number: int
     layer: int
     s: Array
-    aim: Array
-    tip: Array
+    aim: PlanarPoints
+    tip: PlanarPoints
     wanted: Array
     area: Array
     speed: Array
@@ -135,10 +141,9 @@ class NextBead:
             Share of the wanted area from which it counts.
         """
         at = np.abs(self.carried) > least * np.abs(self.wanted)
-        changes = np.flatnonzero(np.diff(np.concatenate(((False,), at, (False,))).astype(int)))
         return tuple(
             (float(self.s[a]), float(self.s[b - 1]), float(self.carried[a:b].mean()))
-            for a, b in zip(changes[::2], changes[1::2], strict=True)
+            for a, b in zip(*stretches_of_true_values(at), strict=True)
         )
 
 
@@ -348,9 +353,9 @@ class WeldPlanner:
         """
         predicted = self.belief
         check_look(predicted, self._seen, u, w, read)
-        found = see_closing(predicted, u, w, read)
-        gain = self._closing_variance / (self._closing_variance + found.variance)
-        shift = gain * found.shift
+        seen_shift, variance = see_closing(predicted, u, w, read)
+        gain = self._closing_variance / (self._closing_variance + variance)
+        shift = gain * seen_shift
         self._closing_variance = (1 - gain) * self._closing_variance
         turn = self.shrinkage.turn_per_metre * shift
         at, base, before = close_groove(predicted.u, predicted.base, predicted.w, shift, turn)
@@ -369,8 +374,8 @@ class WeldPlanner:
             mean_sigma = float(np.sqrt(np.mean(sigma**2) / max(int(read.sum()), 1)))
             self.learner.learn_gain(metal, read, width * mean_sigma)
             expected = self.shrinkage.transverse(metal, seen.first_area)
-            closed = predicted.closed + found.shift
-            self.learner.learn_shrinkage(closed, expected, np.where(read, found.variance, np.inf))
+            closed = predicted.closed + seen_shift
+            self.learner.learn_shrinkage(closed, expected, np.where(read, variance, np.inf))
         if self._laid is not None:
             self._learn_offset(*self._laid, predicted, read)
             self._laid = None

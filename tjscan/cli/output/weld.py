@@ -83,7 +83,7 @@ def print_weld_log(directory: Path, *, json: bool) -> None:
     found = read_recorded_weld(directory)
     rows = []
     for bead in found.beads.values():
-        arcs = [arc for arc in found.arcs if arc.number == bead.number]
+        arcs = found.arcs_of(bead)
         looks = [look for look in found.looks if look.beads == bead.number + 1]
         off = f"{1e3 * looks[-1].deviation:.2f}" if looks else ""
         rows.append(

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, LookRefused, WeldStopped
-from tjscan.core.frames import Array, Mask, inverse_pose
+from tjscan.core.frames import Array, Mask, inverse_pose, stretches_of_true_values
 from tjscan.job.cell import joint_surface, make_cell
 from tjscan.job.files import read_scan_job
 from tjscan.job.weld import WeldJob
@@ -48,6 +47,7 @@ from tjscan.runs.weld.journal import (
     read_weld,
 )
 from tjscan.runs.weld.results import write_weld_results
+from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
@@ -283,7 +283,7 @@ class Weld:
             wps.wire.diameter,
             wps.wire.deposition_efficiency,
             np.random.default_rng(settings.simulation.seed),
-            faults=settings.simulation.faults,
+            faults=settings.simulation,
         )
         last = {view.index: view for view in read_recorded_scan(scanned).views}
         T_r_b = result_frame_of_job(context.job).T_r_b
@@ -365,9 +365,7 @@ class Weld:
                 pass
             case PlannedBeadMessage():
                 self._finish_beads_before(message.number)
-                self._bead = NextBead(
-                    **{one.name: getattr(message, one.name) for one in fields(NextBead)}
-                )
+                self._bead = message
                 self.weldable = message.weldable > 0
             case RunEvent(name=name) if name == ARC_BEGUN_EVENT:
                 self._open_arc = message.detail
@@ -377,9 +375,7 @@ class Weld:
                 self._lay(message)
             case LookMessage():
                 self._finish_beads_before(message.beads)
-                self._take_look(
-                    looking.SurfaceLook(message.u, message.w, message.sigma, message.was_read)
-                )
+                self._take_look(message.seen)
                 self._bead = None
 
     def end_replay(self) -> None:
@@ -415,8 +411,8 @@ class Weld:
             raise WeldStopped(ArcFault.STOPPED, "by the operator, between two beads")
 
     def _planned(self, bead: NextBead, *, dry: bool = False) -> PlannedBeadMessage:
-        values = {one.name: getattr(bead, one.name) for one in fields(NextBead)}
-        return PlannedBeadMessage(**values, weldable=self.weldable.astype(float), dry=dry)
+        values = (getattr(bead, one.name) for one in fields(NextBead))
+        return PlannedBeadMessage(*values, weldable=self.weldable.astype(float), dry=dry)
 
     def _weld_stretch(self, welder: ArcWelder, bead: NextBead, begin: float, end: float) -> None:
         for at in (begin, begin + IGNITION_SHIFT):
@@ -458,13 +454,10 @@ class Weld:
         if planner.done >= self.count or looks is LookSchedule.NONE:
             return False
         layer, before = self.order.layer_of(planner.done)
-        match looks:
-            case LookSchedule.PASS:
-                return True
-            case LookSchedule.LAYER:
-                return before == 0
-            case _:
-                return before == 0 and layer == len(self.order.counts) - 1
+        is_cap = layer == len(self.order.counts) - 1
+        return looks is LookSchedule.PASS or (
+            before == 0 and (is_cap or looks is LookSchedule.LAYER)
+        )
 
     def _look(self, journal: Journal) -> WeldPlanner:
         """Look at the groove as it now is, and plan from what is seen."""
@@ -516,7 +509,7 @@ class Weld:
         context, settings = self.context.scan, self.context.job.weld
         state = self.world.state
         points = self.stations.points_to_space(np.stack((state.u, state.w), axis=2))
-        surface = RaycastSurface(points.reshape(-1, 3), _grid_triangles(*state.u.shape))
+        surface = RaycastSurface(points.reshape(-1, 3), grid_triangles(*state.u.shape))
         frame = result_frame_of_job(context.job)
         job = context.job
         T_b_r = inverse_pose(job.T_w_b_true) @ (np.eye(4) if job.joint is None else job.joint.T_w_j)
@@ -584,16 +577,9 @@ def _bead_order(plan: WeldPlan, wps: WeldingProcedure) -> BeadOrder:
     )
 
 
-def _grid_triangles(n: int, m: int) -> NDArray[np.intp]:
-    index = np.arange(n * m).reshape(n, m)
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]
-    return np.stack((a, b, c, b, d, c), axis=-1).reshape(-1, 3)
-
-
 def _spans(s: Array, on: Mask) -> Iterator[tuple[float, float]]:
     """From where to where a mask holds, metres."""
-    changes = np.flatnonzero(np.diff(np.concatenate(((False,), on, (False,))).astype(int)))
-    for a, b in zip(changes[::2], changes[1::2], strict=True):
+    for a, b in zip(*stretches_of_true_values(on), strict=True):
         yield float(s[a]), float(s[b - 1])
 
 
