@@ -200,9 +200,8 @@ class WeldWorld:
 
     def lay_shape(self, part: WeldState, centre: Array, width: Array, area: Array) -> LaidBeads:
         """Shape of the beads; a world of other equations has its own."""
-        return lay_beads(
-            self.model, part.u, part.w, centre=centre, width=width, area=area, tilt=part.tilt
-        )
+        of_bead = {"centre": centre, "width": width, "area": area}
+        return lay_beads(self.model, part.u, part.w, **of_bead, tilt=part.tilt, s=part.s)
 
     def _lay(self, rows: Rows, trace: TorchTrace, turn: float) -> None:
         """Lay the bead at some stations, which the torch passed after a way of `turn`."""

@@ -411,8 +411,8 @@ class Weld:
             raise WeldStopped(ArcFault.STOPPED, "by the operator, between two beads")
 
     def _planned(self, bead: NextBead, *, dry: bool = False) -> PlannedBeadMessage:
-        values = (getattr(bead, one.name) for one in fields(NextBead))
-        return PlannedBeadMessage(*values, weldable=self.weldable.astype(float), dry=dry)
+        values = {one.name: getattr(bead, one.name) for one in fields(NextBead)}
+        return PlannedBeadMessage(**values, weldable=self.weldable.astype(float), dry=dry)
 
     def _weld_stretch(self, welder: ArcWelder, bead: NextBead, begin: float, end: float) -> None:
         for at in (begin, begin + IGNITION_SHIFT):
@@ -430,9 +430,9 @@ class Weld:
     def _lay(self, arc: ArcMessage) -> None:
         """Let the metal of an arc lie where the torch truly was."""
         bead = self._bead
-        if bead is None or len(arc.s) < 2 or arc.s[-1] - arc.s[0] < TRACE_STEP:
+        if bead is None or len(arc.s) < 2 or arc.end - arc.begin < TRACE_STEP:
             return
-        s = np.linspace(arc.s[0], arc.s[-1], 1 + round((arc.s[-1] - arc.s[0]) / TRACE_STEP))
+        s = np.linspace(arc.begin, arc.end, 1 + round((arc.end - arc.begin) / TRACE_STEP))
         tip = np.column_stack([np.interp(s, bead.s, column) for column in bead.tip.T])
         along = [np.interp(s, arc.s, values) for values in (arc.speed, arc.feed, arc.heat_input)]
         down = np.tile((0.0, -1.0), (len(s), 1))
