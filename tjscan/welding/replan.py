@@ -25,7 +25,7 @@ from tjscan.welding.aims import (
     planning_columns,
 )
 from tjscan.welding.bead import BeadModel, column_widths, interpolate_rows, lay_beads
-from tjscan.welding.learning import WeldLearner
+from tjscan.welding.learning import ScalarFilter, WeldLearner
 from tjscan.welding.look import LEAST_COVER, check_look, resample_rows, see_closing
 from tjscan.welding.shrinkage import ShrinkageModel, close_groove
 from tjscan.welding.state import WeldState
@@ -169,9 +169,13 @@ class WeldPlanner:
         Area of the whole weld as first planned, m².
     done : int
         Beads that were laid.
+    power_ratio : float
+        Of the arc's power to that of the WPS at its wire feed, as the last arc showed it.
     fill_sigma : ndarray, shape (n,)
         Standard deviation of the surface's mean height as it is believed, metres: a stretch
         where it is large was not read, and is not to be welded.
+    deviation : ScalarFilter or None
+        Of the wire from the last bead's aim, to the leg, as the last look shows it, metres.
     """
 
     belief: WeldState
@@ -184,6 +188,8 @@ class WeldPlanner:
     total: Array = field(init=False)
     fill_sigma: Array = field(init=False)
     done: int = 0
+    power_ratio: float = 1.0
+    deviation: ScalarFilter | None = None
     _closing_variance: Array = field(init=False)
     _aims: dict[int, Array] = field(default_factory=dict)
     _laid: tuple[WeldState, NextBead] | None = None
@@ -254,7 +260,7 @@ class WeldPlanner:
             speed,
             feed,
             weave,
-            wps.heat_input(feed, speed),
+            self._heat_input(feed, speed),
             wanted - area,
         )
 
@@ -264,7 +270,7 @@ class WeldPlanner:
 
     def _speed_limits(self, feed: Array, limits: ArcSettings | RootSettings) -> tuple[Array, Array]:
         """Least and largest travel speed by the windows of speed and heat input, m/s."""
-        power = self.wps.heat_input(feed, np.ones_like(feed))
+        power = self._heat_input(feed, np.ones_like(feed))
         low = np.maximum(limits.travel_speed[0], power / limits.heat_input[1])
         high = np.minimum(limits.travel_speed[1], power / limits.heat_input[0])
         return low, np.maximum(high, low)
@@ -297,11 +303,17 @@ class WeldPlanner:
                 left * self.wps.deposition_rate(feed) / area,
                 *self._speed_limits(feed, self._limits(bead)),
             )
-            heat = self.wps.heat_input(feed, speed)
+            heat = self._heat_input(feed, speed)
             found.append(self.model.bead_width(heat, self.order.weaves[bead]))
         return np.array(found)
 
-    def after_bead(self, bead: NextBead, laid: Mask | None = None) -> None:
+    def _heat_input(self, feed: Array, speed: Array) -> Array:
+        """Heat input at wire feeds and speeds, J/m: of the WPS's power, and as arcs showed it."""
+        return self.power_ratio * self.wps.heat_input(feed, speed)
+
+    def after_bead(
+        self, bead: NextBead, laid: Mask | None = None, heat_input: Array | None = None
+    ) -> None:
         """Carry the belief on by the bead model.
 
         Parameters
@@ -310,8 +322,13 @@ class WeldPlanner:
             As it was laid.
         laid : ndarray of bool, shape (n,), optional
             Stations at which it was laid; everywhere if left out.
+        heat_input : ndarray, shape (n,), optional
+            As its arc showed it, J/m; as planned if left out.
         """
         before = self.belief
+        if heat_input is not None:
+            self.power_ratio *= float(np.median(heat_input / bead.heat_input))
+            bead = replace(bead, heat_input=heat_input)
         gain = self.learner.gain.value if self.learns else 1.0
         ends = self.model.area_along_bead(bead.s - bead.s[0], bead.s[-1] - bead.s)
         self.learner.add_set_area(bead.area * ends / gain * (1.0 if laid is None else laid))
@@ -376,6 +393,7 @@ class WeldPlanner:
             expected = self.shrinkage.transverse(metal, seen.first_area)
             closed = predicted.closed + seen_shift
             self.learner.learn_shrinkage(closed, expected, np.where(read, variance, np.inf))
+        self.deviation = None
         if self._laid is not None:
             self._learn_offset(*self._laid, predicted, read)
             self._laid = None
@@ -416,10 +434,7 @@ class WeldPlanner:
         sensitivity = (found[1] - found[0]) / SENSITIVITY_STEP
         expected = predicted.part(rows)
         beside = centre(old.w + _added(new, old)) - centre(old.w + _added(expected, old))
-        known = np.isfinite(beside + sensitivity)
-        if known.any():
-            spread = float(np.std(beside[known]) / np.sqrt(max(known.sum() / 3, 1)))
-            self.learner.learn_offset(beside[known], sensitivity[known], spread)
+        self.deviation = self.learner.learn_offset(beside, sensitivity)
 
 
 def _added(new: WeldState, old: WeldState) -> Array:

@@ -116,9 +116,9 @@ class LookMessage:
         Of the heights, metres.
     read : ndarray, shape (n,)
         1 where it was read.
-    deviation, deviation_sigma : float
-        Of the last bead's centre from its plan as the look shows it, to the leg, metres: the mean,
-        and its standard deviation; 0 before the first bead.
+    deviation, deviation_sigma : float or None
+        Of the wire from the last bead's aim, to the leg, as the look shows it, and its standard
+        deviation, metres; None if it does not.
     gain, offset, shrinkage : float
         As learnt; see `WeldLearner`.
     """
@@ -129,8 +129,8 @@ class LookMessage:
     heights: Array
     sigma: Array
     read: Array
-    deviation: float
-    deviation_sigma: float
+    deviation: float | None
+    deviation_sigma: float | None
     gain: float
     offset: float
     shrinkage: float

@@ -176,13 +176,12 @@ def _stretch_entry(row: ArcStretchMessage) -> dict[str, Any]:
 
 def _look_entry(look: LookMessage, measured: NumberSource) -> dict[str, Any]:
     believed = NumberSource.BELIEVED
-    deviation = (look.deviation, look.deviation_sigma) if look.beads else (None, None)
     return {
         "after_bead": str(look.beads),
         "read": _entry(look.read.mean(), measured, NO_UNIT),
         "height_sigma": _entry(look.sigma.mean(), believed, MM),
-        "torch_deviation": _entry(deviation[0], measured, MM),
-        "torch_deviation_sigma": _entry(deviation[1], believed, MM),
+        "torch_deviation": _entry(look.deviation, measured, MM),
+        "torch_deviation_sigma": _entry(look.deviation_sigma, believed, MM),
         "deposition_gain": _entry(look.gain, believed, NO_UNIT),
         "torch_offset": _entry(look.offset, believed, MM),
         "shrinkage_factor": _entry(look.shrinkage, believed, NO_UNIT),

@@ -75,9 +75,6 @@ IGNITION_SHIFT: Final = 2e-3
 WAIT_SLICE: Final = 1.0
 """Seconds of a wait between two beads after which a stop is seen."""
 
-INDEPENDENT_STATIONS: Final = 5
-"""Stations after which what a bead is off is no longer that of the ones before (assumption)."""
-
 TRACE_STEP: Final = 0.5e-3
 """Between two places of a torch's trace, metres."""
 
@@ -244,7 +241,6 @@ class Weld:
     _open_arc: str = ""
     _laid: bool = False
     _arm: ArmState | None = None
-    _previous: WeldState | None = None
 
     def __post_init__(self) -> None:
         self.weldable = np.zeros(len(self.stations.s), dtype=bool)
@@ -442,7 +438,13 @@ class Weld:
         self._laid = True
 
     def _finish_bead(self, planner: WeldPlanner, bead: NextBead) -> None:
-        planner.after_bead(bead, self.weldable)
+        laid, heat = np.zeros_like(self.weldable), bead.heat_input.copy()
+        for arc in self._arcs:
+            on = (bead.s > arc.begin - TRACE_STEP) & (bead.s < arc.end + TRACE_STEP)
+            if len(arc.s):
+                laid |= on
+                heat[on] = np.interp(bead.s[on], arc.s, arc.heat_input)
+        planner.after_bead(bead, laid, heat)
         self._bead, self._arcs = None, []
 
     def _finish_beads_before(self, number: int) -> None:
@@ -462,12 +464,8 @@ class Weld:
     def _look(self, journal: Journal) -> WeldPlanner:
         """Look at the groove as it now is, and plan from what is seen."""
         seen, time = self._scan_again()
-        before = self.planner.belief if self.planner is not None else None
         planner = self._take_look(seen)
-        learner, deviation = planner.learner, (0.0, 0.0)
-        if before is not None and self._previous is not None:
-            deviation = _centre_deviation(self._previous, before, planner.belief, seen.read)
-        self._previous = planner.belief
+        learner, deviation = planner.learner, planner.deviation
         journal.record(
             LookMessage(
                 planner.done,
@@ -476,7 +474,8 @@ class Weld:
                 seen.w.ravel(),
                 seen.sigma,
                 seen.read.astype(float),
-                *deviation,
+                None if deviation is None else deviation.value,
+                None if deviation is None else deviation.sigma,
                 learner.gain.value,
                 learner.offset.value,
                 learner.shrinkage.value,
@@ -581,22 +580,3 @@ def _spans(s: Array, on: Mask) -> Iterator[tuple[float, float]]:
     """From where to where a mask holds, metres."""
     for a, b in zip(*stretches_of_true_values(on), strict=True):
         yield float(s[a]), float(s[b - 1])
-
-
-def _centre_deviation(
-    before: WeldState, predicted: WeldState, seen: WeldState, read: Mask
-) -> tuple[float, float]:
-    """Of a bead from where it was planned, to the leg: median along it and its sigma, metres.
-
-    At each station the shift of the planned bead that explains best what a look shows besides.
-    """
-    slope = np.gradient(predicted.w - before.w, axis=1) / np.gradient(predicted.u, axis=1)
-    other = seen.w - predicted.w
-    known = read & (np.einsum("ij,ij->i", slope, slope) > 0)
-    if not known.any():
-        return 0.0, 0.0
-    slope, other = slope[known], other[known]
-    shift = -np.einsum("ij,ij->i", slope, other) / np.einsum("ij,ij->i", slope, slope)
-    middle = float(np.median(shift))
-    spread = 1.4826 * float(np.median(np.abs(shift - middle)))
-    return middle, spread / np.sqrt(max(len(shift) / INDEPENDENT_STATIONS, 1.0))
