@@ -468,7 +468,7 @@ def test_second_ignition_needs_room_and_names_its_gap() -> None:
 
 def test_gap_before_a_second_ignition_does_not_count_as_welded() -> None:
     ends = np.array((0.002, 0.2))
-    along = dict.fromkeys(("s", "speed", "feed", "heat_input"), ends)
+    along: Any = dict.fromkeys(("s", "speed", "feed", "heat_input"), ends)
     second = replace(arc(0.002, 0.2), **along)
     weld = replayed(planned(0), arc(0.0, 0.0), second, planned(1))
     planner: Any = weld.planner

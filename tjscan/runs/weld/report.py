@@ -44,7 +44,8 @@ def _weld_facts(found: RecordedWeld) -> Iterator[tuple[str, str]]:
         yield (
             f"bead {bead.number + 1}, layer {bead.layer + 1}",
             f"{1e6 * bead.area.mean():.1f} mm² planned on average (believed), {speed[0]:.0f} to "
-            f"{speed[1]:.0f} mm/min (set); {1e3 * length:.0f} mm welded by {len(arcs)} arcs",
+            f"{speed[1]:.0f} mm/min (set); {1e3 * length:.0f} mm welded by "
+            f"{len(arcs)} arc{'s' * (len(arcs) != 1)}",
         )
     for look in found.looks[-1:]:
         yield (
