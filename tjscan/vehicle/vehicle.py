@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from math import isfinite
-from statistics import fmean
 from typing import Final, Protocol, Self
+
+import numpy as np
 
 from tjscan.core.devices import Device, LocalDevice
 from tjscan.core.errors import VehicleFault, VehicleLinkLost, VehicleStopped
@@ -84,21 +85,41 @@ class VehicleState:
     push: tuple[float, ...] = ()
 
 
-def merge_unread_states(states: Sequence[VehicleState]) -> VehicleState:
+def merge_unread_states(states: Sequence[VehicleState], since: float | None = None) -> VehicleState:
     """The last of some states that came since one was read.
 
-    Odometry, the gyro's turn rate and the wheels' push are means, so that way and turn over the
-    time since then come out right. It has the last other sample that any of them brought.
+    Odometry, the gyro's turn rate and the wheels' push are means over time, so that way and turn
+    since then come out right. It has the last other sample that any of them brought.
+
+    Parameters
+    ----------
+    states : sequence of VehicleState
+        Each with what it did since the one before.
+    since : float, optional
+        Time of the state that was read before; without, the first lasts as long as the others.
     """
-    motions = [(s.odometry.speed, s.odometry.turn_rate, s.odometry.sideways) for s in states]
-    gyro = [rate for s in states for rate in s.gyro]
+    if len(states) == 1:
+        return states[0]
+    periods = np.diff([state.time for state in states], prepend=states[0].time)
+    periods[0] = periods[1:].mean() if since is None else states[0].time - since
+    periods = np.maximum(periods, PERIOD_SUM_TOLERANCE)
+
+    def mean(name: str) -> tuple[float, ...]:
+        values = [getattr(state, name) for state in states]
+        known = [k for k, value in enumerate(values) if value]
+        if not known:
+            return ()
+        kept = [values[k] for k in known]
+        return tuple(np.average(kept, axis=0, weights=periods[known]).tolist())
+
+    motions = [astuple(state.odometry) for state in states]
     return replace(
         states[-1],
-        odometry=Twist(*(fmean(values) for values in zip(*motions, strict=True))),
+        odometry=Twist(*np.average(motions, axis=0, weights=periods).tolist()),
         proximity=next((s.proximity for s in reversed(states) if s.proximity), ()),
-        gyro=(fmean(gyro),) if gyro else (),
+        gyro=mean("gyro"),
         down=next((s.down for s in reversed(states) if s.down), ()),
-        push=tuple(fmean(axis) for axis in zip(*(s.push for s in states if s.push), strict=True)),
+        push=mean("push"),
     )
 
 

@@ -20,8 +20,9 @@ from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState, check_twist, me
 ORDER_REPEAT_PERIOD: Final = 0.05
 """Seconds after which the last order is sent again."""
 
-MOST_WAITING_STATES: Final = 20
-"""States that wait to be read, 0.2 s of them; older ones are dropped then."""
+MOST_WAITING_STATES: Final = 300
+"""States that wait to be read, 3 s of them; older ones are dropped then. Without one its way is not
+known: it is more than any program may be held up for that goes on."""
 
 
 class MqttVehicle(BrokerClient):
@@ -51,6 +52,7 @@ class MqttVehicle(BrokerClient):
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order: tuple[Twist, float] | None = None
         self._newest_pose: wire.PoseMessage | None = None
+        self._read_until: float | None = None
         self._pose: wire.PoseMessage | None = None  # at the last state that was read
         self._identity = DeviceIdentity()
         self._fault = self._commander = self._lost = ""
@@ -101,7 +103,9 @@ class MqttVehicle(BrokerClient):
         if len(received) < len(waiting):
             raise self._link_lost_error()
         self._pose = received[-1][1]
-        return merge_unread_states([state for state, _ in received])
+        merged = merge_unread_states([state for state, _ in received], self._read_until)
+        self._read_until = merged.time
+        return merged
 
     def true_pose(self) -> Array:
         """True pose T_w_v, shape (4, 4), at the last state, of a stand-in that sends it before.
