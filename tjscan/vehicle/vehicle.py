@@ -100,26 +100,21 @@ def merge_unread_states(states: Sequence[VehicleState], since: float | None = No
     """
     if len(states) == 1:
         return states[0]
-    periods = np.diff([state.time for state in states], prepend=states[0].time)
-    periods[0] = periods[1:].mean() if since is None else states[0].time - since
-    periods = np.maximum(periods, PERIOD_SUM_TOLERANCE)
+    times = [state.time for state in states]
+    periods = np.maximum(np.diff(times, prepend=since or 2 * times[0] - times[1]), 1e-6)
 
-    def mean(name: str) -> tuple[float, ...]:
-        values = [getattr(state, name) for state in states]
-        known = [k for k, value in enumerate(values) if value]
-        if not known:
-            return ()
-        kept = [values[k] for k in known]
-        return tuple(np.average(kept, axis=0, weights=periods[known]).tolist())
+    def mean(values: list[tuple[float, ...]]) -> tuple[float, ...]:
+        weights = periods[[bool(value) for value in values]]
+        known = [value for value in values if value]
+        return tuple(np.average(known, axis=0, weights=weights).tolist()) if known else ()
 
-    motions = [astuple(state.odometry) for state in states]
     return replace(
         states[-1],
-        odometry=Twist(*np.average(motions, axis=0, weights=periods).tolist()),
+        odometry=Twist(*mean([astuple(state.odometry) for state in states])),
         proximity=next((s.proximity for s in reversed(states) if s.proximity), ()),
-        gyro=mean("gyro"),
+        gyro=mean([state.gyro for state in states]),
         down=next((s.down for s in reversed(states) if s.down), ()),
-        push=mean("push"),
+        push=mean([state.push for state in states]),
     )
 
 
