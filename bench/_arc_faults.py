@@ -73,9 +73,7 @@ class FaultJournal:
 
     def record(self, message: object) -> None:
         """Take in a message of the weld."""
-        self.reached = self.reached or (
-            isinstance(message, RunEvent) and message.name == self.state
-        )
+        self.reached |= isinstance(message, RunEvent) and message.name == self.state
         if self.reached and self.fault is OrderedFault.JOURNAL and not self.done:
             self.done = True
             raise OSError("no space left")
@@ -100,6 +98,8 @@ class FaultOutcome:
     ----------
     what : str
         State and fault.
+    ended : bool
+        Whether it ended an arc: gas that is missing once the arc is out does not.
     named : bool
         Each arc that did not end as it should says why, by a fault of `ArcFault` or an error's
         own words.
@@ -112,6 +112,7 @@ class FaultOutcome:
     """
 
     what: str
+    ended: bool
     named: bool
     off: bool
     whole: bool
@@ -170,7 +171,9 @@ def weld_with_fault(
     begun = sum(arc.end > arc.begin for arc in arcs)
     whole = left_to_weld((0.0, LENGTH), arcs, OVERLAP) is None
     twice = max(welded - LENGTH - OVERLAP * (begun - 1), 0.0)
-    return FaultOutcome(f"{fault} in {state}", named, off, whole, twice)
+    return FaultOutcome(
+        f"{fault} in {state}", any(arc.fault for arc in arcs), named, off, whole, twice
+    )
 
 
 class _Caught:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -69,7 +70,7 @@ def weld_chain(seed: int, length: float, ends: int) -> ChainOutcome:
     fill = (remaining_area(state, target) / width)[ends:-ends]
     stated = [
         (now.deviation - (true - before.offset)) / now.deviation_sigma
-        for before, now in zip(looks, looks[1:], strict=False)
+        for before, now in pairwise(looks)
         if now.deviation is not None and now.deviation_sigma is not None
     ]
     rms = float(np.sqrt(np.mean(fill**2)))

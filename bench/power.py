@@ -116,7 +116,8 @@ def fault_rows(process: PowerLoopbackProcess, settings: ModbusPowerSettings) -> 
     for one in found:
         if not (one.named and one.off and one.whole) or one.twice > 1e-6:
             print(one, file=sys.stderr)
-    head = f"{len(found)} faults at every state"
+    ended = sum(one.ended for one in found)
+    head = f"{len(found)} faults at every state, {ended} of them ended an arc"
     for name, holds in (
         ("named", [one.named for one in found]),
         ("arc off", [one.off for one in found]),
