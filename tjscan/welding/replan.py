@@ -45,6 +45,9 @@ LARGEST_BARE_CHANGE: Final = 0.4e-3
 LEAST_LAYER_SHARE: Final = 0.02
 """A layer that is full already still gets this share of the weld's area: all beads are laid."""
 
+LEAST_CARRIED_SHARE: Final = 0.02
+"""Share of the wanted area from which what a limit of the WPS leaves counts."""
+
 PLANNING_STRIDE: Final = 5
 """Aims are sought at every such station."""
 
@@ -132,18 +135,16 @@ class NextBead:
     heat_input: Array
     carried: Array
 
-    def stretches_at_limit(self, least: float = 0.02) -> tuple[tuple[float, float, float], ...]:
-        """From where to where a limit of the WPS acts, and the area carried over there.
+    @property
+    def is_at_limit(self) -> Mask:
+        """Stations at which a limit of the WPS leaves more than a little to later beads."""
+        return np.asarray(np.abs(self.carried) > LEAST_CARRIED_SHARE * np.abs(self.wanted))
 
-        Parameters
-        ----------
-        least : float
-            Share of the wanted area from which it counts.
-        """
-        at = np.abs(self.carried) > least * np.abs(self.wanted)
+    def stretches_at_limit(self) -> tuple[tuple[float, float, float], ...]:
+        """From where to where a limit of the WPS acts, and the area carried over there."""
         return tuple(
             (float(self.s[a]), float(self.s[b - 1]), float(self.carried[a:b].mean()))
-            for a, b in zip(*stretches_of_true_values(at), strict=True)
+            for a, b in zip(*stretches_of_true_values(self.is_at_limit), strict=True)
         )
 
 
@@ -160,8 +161,6 @@ class WeldPlanner:
     model : BeadModel
     shrinkage : ShrinkageModel
     learner : WeldLearner
-    learns : bool
-        Whether what was learnt is used for planning.
 
     Attributes
     ----------
@@ -184,7 +183,6 @@ class WeldPlanner:
     model: BeadModel = field(default_factory=BeadModel)
     shrinkage: ShrinkageModel = field(default_factory=ShrinkageModel)
     learner: WeldLearner = field(default_factory=WeldLearner)
-    learns: bool = True
     total: Array = field(init=False)
     fill_sigma: Array = field(init=False)
     done: int = 0
@@ -201,18 +199,13 @@ class WeldPlanner:
         self.fill_sigma = np.zeros_like(self.belief.s)
         self.total = self.missing_area() + self.belief.metal_area
 
-    @property
-    def shrinkage_factor(self) -> float:
-        """Shrinkage over the model's, as learnt."""
-        return self.learner.shrinkage.value if self.learns else 1.0
-
     def missing_area(self) -> Array:
         """Area that is still to be filled when all has shrunk, shape (n,), m²."""
         state, cap = self.belief, self.order.cap_height
         open_area = remaining_area(state, WeldTarget.over(state, cap))
         metal = state.metal_area
         first = np.where(state.first_area > 0, state.first_area, open_area / sum(self.order.counts))
-        final = self.shrinkage_factor * self.shrinkage.transverse(metal + open_area, first)
+        final = self.learner.shrinkage.value * self.shrinkage.transverse(metal + open_area, first)
         by = np.maximum(final - state.closed, 0.0)
         return open_area - area_lost_by_closing(state, by, self.shrinkage.turn_per_metre, cap)
 
@@ -236,7 +229,7 @@ class WeldPlanner:
 
     def _set_bead(self, layer: int, aim_u: Array, wanted: Array) -> NextBead:
         """Speed and wire feed of a bead within the WPS."""
-        wps, gain = self.wps, self.learner.gain.value if self.learns else 1.0
+        wps, gain = self.wps, self.learner.gain.value
         feed = np.full_like(wanted, self.order.feeds[self.done])
         limits = self._limits(self.done)
         for _ in range(2):  # the feed makes up for what a limit of the speed leaves
@@ -247,7 +240,7 @@ class WeldPlanner:
         area = gain * wps.deposition_rate(feed) / speed
         (aim_w,) = interpolate_rows(aim_u, self.belief.u, self.belief.w)
         aim = np.column_stack((aim_u, aim_w))
-        tip = aim - (self.learner.offset.value if self.learns else 0.0, 0.0)
+        tip = aim - (self.learner.offset.value, 0.0)
         weave = np.full_like(wanted, self.order.weaves[self.done])
         return NextBead(
             self.done,
@@ -329,7 +322,7 @@ class WeldPlanner:
         if heat_input is not None:
             self.power_ratio *= float(np.median(heat_input / bead.heat_input))
             bead = replace(bead, heat_input=heat_input)
-        gain = self.learner.gain.value if self.learns else 1.0
+        gain = self.learner.gain.value
         ends = self.model.area_along_bead(bead.s - bead.s[0], bead.s[-1] - bead.s)
         self.learner.add_set_area(bead.area * ends / gain * (1.0 if laid is None else laid))
         rows = np.arange(len(bead.s)) if laid is None else np.flatnonzero(laid)
@@ -341,7 +334,7 @@ class WeldPlanner:
             centre=bead.aim[rows, 0],
             width=width[rows],
             area=(bead.area * ends)[rows],
-            factor=self.shrinkage_factor,
+            factor=self.learner.shrinkage.value,
         )
         self.belief = before.replaced(rows, after)
         step = self.belief.closed - before.closed

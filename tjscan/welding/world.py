@@ -166,7 +166,6 @@ class WeldWorld:
     shrinkage: ShrinkageModel = field(default_factory=ShrinkageModel)
     faults: WeldFaults = field(default_factory=WeldFaults)
     period: float = 0.0
-    beads: int = 0
 
     def weld(self, trace: TorchTrace) -> Array:
         """Lay the bead of one arc, from its ignition to its crater.
@@ -195,7 +194,6 @@ class WeldWorld:
             if self.period <= 0:
                 break
             turn += self.period
-        self.beads += 1
         return self.state.metal_area - before
 
     def lay_shape(self, part: WeldState, centre: Array, width: Array, area: Array) -> LaidBeads:

@@ -60,8 +60,7 @@ def _weld_findings(found: RecordedWeld) -> Iterator[str]:
     yield f"{SIMULATED_WELD_NOTE}."
     yield NOT_SEEN_NOTE
     for bead in found.beads.values():
-        at_limit = float(np.mean(np.abs(bead.carried) > 0.02 * np.abs(bead.wanted)))
-        if at_limit:
+        if at_limit := float(bead.is_at_limit.mean()):
             yield (
                 f"Bead {bead.number + 1} is at a limit of the WPS on {100 * at_limit:.0f} % of its "
                 "length: what is missing there is left to later beads."

@@ -9,8 +9,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
 from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
@@ -138,7 +136,6 @@ def weld_log(directory: Path, found: RecordedWeld) -> dict[str, Any]:
 
 
 def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]:
-    at_limit = np.abs(bead.carried) > 0.02 * np.abs(bead.wanted)
     planned, set_ = NumberSource.BELIEVED, NumberSource.SET
     return {
         "bead": str(bead.number + 1),
@@ -148,7 +145,7 @@ def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]
             "area_most": _entry(bead.area.max(), planned, MM2),
             "speed_least": _entry(bead.speed.min(), set_, MM_PER_MIN),
             "speed_most": _entry(bead.speed.max(), set_, MM_PER_MIN),
-            "at_a_limit_of_the_wps": _entry(at_limit.mean(), planned, NO_UNIT),
+            "at_a_limit_of_the_wps": _entry(bead.is_at_limit.mean(), planned, NO_UNIT),
         },
         "arcs": [_arc_entry(arc) for arc in found.arcs_of(bead)],
         "stretches": [_stretch_entry(row) for row in found.stretches if row.number == bead.number],
