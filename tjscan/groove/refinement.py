@@ -114,7 +114,9 @@ def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike
     return np.asarray(np.minimum(taken, LARGEST_NOISE_SHARE_IN_FIT))
 
 
-def estimate_variance_inflation(row: Profile, fitted: FittedProfile) -> float:
+def estimate_variance_inflation(
+    scaled: Array, columns: Index, count: int, parameters: int
+) -> float:
     """By how much the correlation of the columns' noise raises the variance of a mean of many.
 
     It is taken as something between a filter's and speckle's, through where it falls to a half. Of
@@ -124,14 +126,18 @@ def estimate_variance_inflation(row: Profile, fitted: FittedProfile) -> float:
 
     Parameters
     ----------
-    row : Profile
-    fitted : FittedProfile
+    scaled : ndarray, shape (n,)
+        Residuals over their own standard deviation.
+    columns : ndarray of int, shape (n,)
+        The column of each.
+    count : int
+        Columns in all.
+    parameters : int
+        Number of coefficients that were fitted.
     """
-    keep, count = fitted.keep, row.column_count
-    scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
     grid = np.zeros((2, count + LONGEST_LAG - 1))
-    grid[0, row.columns[keep]] = scaled
-    grid[1, row.columns[keep]] = 1.0
+    grid[0, columns] = scaled
+    grid[1, columns] = 1.0
     product, pairs = (np.correlate(one, one[:count]) for one in grid)
     rho = product / np.maximum(pairs, 1.0)
     rho /= max(float(rho[0]), 1e-30)
@@ -140,7 +146,7 @@ def estimate_variance_inflation(row: Profile, fitted: FittedProfile) -> float:
         half = _lag_of_half_correlation(rho * (1 - lost) + lost)
         lags = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** CORRELATION_POWER)
         inflation = max(2 * float(lags.sum()) - 1, 1.0)
-        lost = noise_share_in_fit((2 + fitted.curved).sum(), inflation, len(scaled))
+        lost = noise_share_in_fit(parameters, inflation, len(scaled))
     return inflation
 
 
@@ -214,7 +220,13 @@ def refine_fit(
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
         if not noise_is_known and (settling or count + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE):
-            inflation, noise_is_known = estimate_variance_inflation(row, fitted), True
+            keep = fitted.keep
+            scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
+            parameters = int((2 + fitted.curved).sum())
+            inflation = estimate_variance_inflation(
+                scaled, row.columns[keep], row.column_count, parameters
+            )
+            noise_is_known = True
             fitted = replace(fitted, variance_inflation=inflation)
             straight = _log_odds_of_straight_sides(fitted, model)
             curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
