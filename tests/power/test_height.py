@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tjscan.core.frames import Array
 from tjscan.power.height import ArcHeight, ArcHeightSettings
 from tjscan.power.laws import ArcLaw
 
