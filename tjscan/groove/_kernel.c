@@ -536,7 +536,7 @@ static int find_curled_rims(const Row *row, const Fit *fit, const Side *sides)
             }
         if (pass == 0) {
             if (first < FEWEST_CURLED_RIMS || 2 * first <= rims) return 0;
-            width += 1;
+            width = width < RIM_POINTS ? width + 1 : RIM_POINTS;
         }
     }
     return 1;
