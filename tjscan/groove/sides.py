@@ -298,9 +298,8 @@ class GrooveFit:
         Its sides and corners.
     cost : float
         What all points and sides pay, in outliers.
-    seen : ndarray of bool, shape (k - 1, 2)
-        Whether points lie beside each corner on the side before and on the side after it:
-        reflections rarely reach the surfaces that they seem to meet.
+    meets : ndarray of bool, shape (k - 1,)
+        At which corners the points of one side go over into those of the next.
     objection : str, optional
         Why the points do not support it.
     steel_covariance : float or ndarray, shape (2 k, 2 k)
@@ -321,7 +320,7 @@ class GrooveFit:
     model: GrooveModel
     fitted: FittedProfile
     cost: float
-    seen: NDArray[np.bool_]
+    meets: NDArray[np.bool_]
     objection: str | None = None
     steel_covariance: Array | float = 0.0
     other_readings: Array | float = 0.0
