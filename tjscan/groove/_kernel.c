@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KERNEL_VERSION 4
+#define KERNEL_VERSION 3
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -47,6 +47,8 @@
 #define SCALE_COVERED_SHARE 0.35
 #define STRAY_BLOCK_COST 9.0
 #define FARTHEST_POINT_RATIO 4.0
+#define CORNER_POINT_DISTANCE 1.5e-3
+#define FEWEST_AT_CORNER 2
 #define MEETING_REACH 1.5e-3
 #define FEWEST_MEETING 2
 #define FEWEST_HIDING 3
@@ -2213,6 +2215,34 @@ static PyObject *costs_of_points(PyObject *self, PyObject *const *args, Py_ssize
     return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of costs do not match");
 }
 
+/* _points_beside_corners */
+static PyObject *points_beside_corners(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const char letters[] = "dbidB";
+    Py_buffer v[5];
+    (void)self;
+    if (given != 5) return PyErr_Format(PyExc_TypeError, "points_beside_corners takes 5 arguments");
+    if (open_arrays(letters, args, v) < 0) return NULL;
+    const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[2]) - 1;
+    const int sound = are_edges(&v[2], n) && count_of(&v[1]) == n && count_of(&v[3]) == 2 * (k - 1)
+                      && count_of(&v[4]) == 2 * (k - 1);
+    if (sound) {
+        const double *along = v[0].buf, *places = v[3].buf;
+        const uint8_t *keep = v[1].buf;
+        const int64_t *edges = v[2].buf;
+        uint8_t *seen = v[4].buf;
+        for (Py_ssize_t c = 0; c < 2 * (k - 1); c++) {
+            const Py_ssize_t side = (c + 1) / 2;
+            int count = 0;
+            for (int64_t i = edges[side]; i < edges[side + 1]; i++)
+                count += keep[i] && fabs(along[i] - places[c]) < CORNER_POINT_DISTANCE;
+            seen[c] = count >= FEWEST_AT_CORNER;
+        }
+    }
+    close_arrays(letters, v);
+    return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
+}
+
 static PyObject *sides_that_meet(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     static const char letters[] = "ddbiddB";
@@ -2338,6 +2368,7 @@ static PyMethodDef METHODS[] = {
     {"scale_costs", (PyCFunction)(void (*)(void))scale_costs, METH_FASTCALL, NULL},
     {"order_points", (PyCFunction)(void (*)(void))order_points, METH_FASTCALL, NULL},
     {"costs_of_points", (PyCFunction)(void (*)(void))costs_of_points, METH_FASTCALL, NULL},
+    {"points_beside_corners", (PyCFunction)(void (*)(void))points_beside_corners, METH_FASTCALL, NULL},
     {"sides_that_meet", (PyCFunction)(void (*)(void))sides_that_meet, METH_FASTCALL, NULL},
     {"corner_estimates", (PyCFunction)(void (*)(void))corner_estimates, METH_FASTCALL, NULL},
     {"find_runs", (PyCFunction)(void (*)(void))find_runs, METH_FASTCALL, NULL},

@@ -13,6 +13,7 @@ from math import atan2, degrees, hypot, pi, radians, sqrt
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -26,7 +27,7 @@ from tjscan.groove.chains import (
 )
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
-from tjscan.groove.reflections import find_runs, sides_that_meet, stretches_off_surface
+from tjscan.groove.reflections import find_runs, stretches_off_surface
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
     LEAST_SIDES,
@@ -62,9 +63,14 @@ WELD_COST: Final = 1.0
 MOST_CHAINS_PER_FORM: Final = 3
 """Most chains of one form that are refined."""
 
-UNREACHED_CORNER_COST: Final = 8.0
-"""What a corner costs, in outliers, at which no side goes over into the next: reflections rarely
-reach the surfaces that they seem to meet."""
+CORNER_POINT_DISTANCE: Final = 1.5e-3
+"""Points of both sides are this near a corner that is seen, in metres."""
+
+FEWEST_AT_CORNER: Final = 2
+"""Points of a side that show its corner."""
+
+UNREACHED_CORNER_COST: Final = 4.0
+"""What a side whose points end before its corner costs, in outliers: reflections often do."""
 
 FEWEST_STEEL_POINTS, UNEXPLAINED_STEEL_COST = 15, 1.0
 """What each point costs more, in outliers, in a stretch of so many at least that lies off the sides
@@ -193,11 +199,11 @@ class _FitSearch:
             np.abs(best.corners - other).max() < SAME_FIT_DISTANCE for other in known
         ):
             return None
-        meets = sides_that_meet(best)
+        seen = _points_beside_corners(best)
         cost = float(runs.total_cost(costs))
-        cost += _cost_of_form(model) + UNREACHED_CORNER_COST * np.count_nonzero(~meets)
+        cost += _cost_of_form(model) + UNREACHED_CORNER_COST * np.count_nonzero(~seen)
         objection = _reason_to_reject(best, model, self._settings)
-        self.found.append(GrooveFit(row, model, best, cost, meets, objection))
+        self.found.append(GrooveFit(row, model, best, cost, seen, objection))
         return self.found[-1]
 
     def explain_missing_groove(self) -> GrooveNotFound:
@@ -262,10 +268,27 @@ def _turn_between(before: tuple[float, float], after: tuple[float, float]) -> fl
 def _is_convincing(found: GrooveFit) -> bool:
     """Whether it needs no comparison with other forms.
 
-    At every corner one side goes over into the next, and every side is seen well.
+    Every corner is seen from both sides, and every side is seen well.
     """
     fitted = found.fitted
-    return bool(found.meets.all()) and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
+    return bool(found.seen.all()) and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
+
+
+def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """Whether points lie beside each corner on the side before and after it, shape (k - 1, 2)."""
+    if kernel.compiled is not None:
+        seen = np.empty((len(fitted.places), 2), dtype=np.bool_)
+        corners = np.array(fitted.edges), np.array(fitted.places), seen
+        kernel.compiled.points_beside_corners(fitted.along, fitted.keep, *corners)
+        return seen
+    ends, starts = np.array(fitted.places).T
+    sizes = np.diff(fitted.edges)
+    near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
+    for own, places in zip(near, ((*ends, np.inf), (np.inf, *starts)), strict=True):
+        np.less(np.abs(fitted.along - np.repeat(places, sizes)), CORNER_POINT_DISTANCE, out=own)
+    near &= fitted.keep
+    count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
+    return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_AT_CORNER
 
 
 def _reason_to_reject(

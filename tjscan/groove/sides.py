@@ -298,8 +298,9 @@ class GrooveFit:
         Its sides and corners.
     cost : float
         What all points and sides pay, in outliers.
-    meets : ndarray of bool, shape (k - 1,)
-        At which corners the points of one side go over into those of the next.
+    seen : ndarray of bool, shape (k - 1, 2)
+        Whether points lie beside each corner on the side before and on the side after it:
+        reflections rarely reach the surfaces that they seem to meet.
     objection : str, optional
         Why the points do not support it.
     steel_covariance : float or ndarray, shape (2 k, 2 k)
@@ -320,7 +321,7 @@ class GrooveFit:
     model: GrooveModel
     fitted: FittedProfile
     cost: float
-    meets: NDArray[np.bool_]
+    seen: NDArray[np.bool_]
     objection: str | None = None
     steel_covariance: Array | float = 0.0
     other_readings: Array | float = 0.0
