@@ -27,6 +27,7 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
+from tjscan.groove.reflections import reflection_probability
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -80,7 +81,7 @@ MISTAKEN_LEVEL_SHARE: Final = 0.1
 simulated ones."""
 
 MOST_REFLECTED_BESIDE_SCALE: Final = 0.08
-"""Share of reflections in a single profile up to which steps are due to scale."""
+"""Share of reflections up to which scale is looked for a second time."""
 
 STEP_BLOCK, FEWEST_SCALE_STEPS = 5, 2
 LEAST_SCALE_STEP: Final = 0.12e-3
@@ -276,7 +277,8 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     if prior is None and (not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))):
         return fit
     bare, back = _fit_without_scale(fit, prior, tolerance)
-    if np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance:
+    moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
+    if moved and reflection_probability(bare.fitted) < MOST_REFLECTED_BESIDE_SCALE:
         # From there scale is seen that was too far off before.
         bare, back = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
     if prior is None or not fit.model.has_root_bead:
