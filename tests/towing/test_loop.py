@@ -19,8 +19,8 @@ from tjscan.towing.loop import CableTow, TowSetup
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable, TowingTeam
+from tjscan.towing.shape.estimate import LEAST_ANGLE_DEVIATION
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.standstill import LEAST_ANGLE_DEVIATION
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist

@@ -219,6 +219,25 @@ def test_the_cable_makes_way_for_who_passes_by(begun: TowingPlan) -> None:
         assert line.distance(shapely.Point(x, y)) > 0.2 + 0.02
 
 
+def test_vehicles_that_make_way_do_not_bend_the_cable_that_the_floor_holds_too_far(
+    begun: TowingPlan,
+) -> None:
+    """A trolley drives at vehicle 4. Without a look at the floor's hold a joint is bent by 53°."""
+    ours, bends = planner(), dict[bool, float]()
+    for heeds_floor in (False, True):
+        plan, ours_plans = begun, ours.plan if heeds_floor else ours._plan_shape
+        angles = []
+        for k in range(36):
+            x, y = begun.held_poses[3, :2] + (0.45 - 0.015 * k, 0.0)
+            disc = DiscObstacle(x, y, 0.15, (-0.15, 0.0), name="trolley")
+            plan = ours_plans(PlanInputs(plan.held_poses, WELDER, 0.1, plan, [disc]))
+            assert not plan.halt
+            angles.append(np.abs(plan.estimate).max())
+        bends[heeds_floor] = float(np.max(angles))
+    assert bends[True] < CABLE.joint_limit < bends[False] - 0.1
+    assert "joint" in plan.retreat
+
+
 def test_estimates_come_back_from_their_own_poses() -> None:
     rng = np.random.default_rng(0)
     bent = CABLE.poses(bent_angles(rng))

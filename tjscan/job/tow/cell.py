@@ -53,7 +53,9 @@ def make_shape_planner(job: TowJob) -> ShapePlanner:
         from tjscan.towing.shape.plan import PlannerSettings, PoseAccuracy
         from tjscan.towing.shape.planner import TowingPlanner
     accuracy = PoseAccuracy(known.position_sigma, known.heading_sigma)
-    settings = PlannerSettings(job.weights, job.targets, job.hard_limits, accuracy)
+    settings = PlannerSettings(
+        *(job.weights, job.targets, job.hard_limits, accuracy), bend_limit=job.chain.joint_limit
+    )
     kind = PaperPlanner if job.method == "paper" else TowingPlanner
     return kind(job.cable_with_bend_reserve, job.team, job.floor, settings)
 

@@ -42,6 +42,9 @@ class PlannerSettings:
         In the vehicles' poses.
     look_ahead : float
         Seconds of an obstacle's way that are kept free: delay and stopping time.
+    bend_limit : float
+        Radians that no joint of the cable may be bent by as the floor holds it, if that is more
+        than the limit of the cable as it is planned.
     """
 
     weights: WeightSettings = field(default_factory=WeightSettings)
@@ -49,6 +52,7 @@ class PlannerSettings:
     limits: LimitSettings = field(default_factory=lambda: LimitSettings(link_clearance=0.02))
     trust: PoseAccuracy = field(default_factory=PoseAccuracy)
     look_ahead: float = 1.0
+    bend_limit: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +116,9 @@ class TowingPlan:
         Why no vehicle may drive on: empty if the plan may be sent. The angles of a halt are those
         of the last shape tried, to be shown, never to be sent.
     retreat : str
-        What came too near, if the plan only leads away from it, as far as vehicles can drive: it
-        may be sent, and the welder must wait.
+        What came too near, if the plan only leads away from it, as far as vehicles can drive; or
+        the joint that would bend too far, if vehicles stay for that. Such a plan may be sent, and
+        the welder must wait.
     rest : ndarray, shape (N, 2), or None
         Towards which the floor holds the links of the estimate, metres; None if it is not known.
     deviations : ndarray, shape (N,), or None

@@ -12,6 +12,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import (
+    BEND_DEVIATIONS,
     CableEstimate,
     angle_deviations,
     cable_forces,
@@ -60,6 +61,16 @@ CABLE_LIMITS: Final = (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK)
 NEAR_LIMIT: Final = 0.7
 """Share of the joints' limit from which on it is found how well the angles are known."""
 
+LEAST_BEND_GROWTH: Final = 1e-4
+"""Radians by which a joint must bend further until it is held: less is no way."""
+
+LED_STEPS: Final = 5
+"""In which it is found how the floor bends the cable on the way to a plan: what slides first
+depends on the way, and a single step finds other bends."""
+
+OVERSHOOT_SHARE: Final = 0.25
+"""Share of their way to a plan by which vehicles go too far, at most."""
+
 NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
 
@@ -107,10 +118,56 @@ class TowingPlanner:
     def plan(self, inputs: PlanInputs) -> TowingPlan:
         """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`.
 
+        The floor holds the cable back: on the way to the plan, a joint may bend further than it is
+        planned to. Then the vehicles on either side of it stay, or all do, and the welder waits.
+
         Raises
         ------
         ValueError
             A pose of the welder or a period that is no number.
+        """
+        plan = self._plan_shape(inputs)
+        bent = self._joint_bent_too_far(plan)
+        if bent is None:
+            return plan
+        joint, words = bent
+        piece, towing = int(np.searchsorted(self._held, joint)), set(range(self.team.welder))
+        plan = self._plan_shape(inputs, frozenset({piece - 1, piece} & towing))
+        sent = inputs.last
+        if sent and (plan.halt or self._joint_bent_too_far(plan)):
+            links, poses = sent.link_poses, sent.held_poses
+            plan = replace(plan, angles=sent.angles, link_poses=links, held_poses=poses)
+        return replace(plan, halt="", retreat=words)
+
+    def _joint_bent_too_far(self, plan: TowingPlan) -> tuple[int, str] | None:
+        """The joint that bends too far, and further than now, on the way to a plan; and words.
+
+        That is the shape to which the floor lets the vehicles draw the cable as it is estimated.
+        """
+        if plan.halt or plan.deviations is None or plan.rest is None:
+            return None
+        led, held, trust = CableEstimate(plan.estimate, plan.rest), self._held, self.settings.trust
+        begin, bends = self.cable.poses(plan.estimate)[held], np.zeros(len(plan.estimate))
+        for share in np.linspace(0, 1 + OVERSHOOT_SHARE, 1 + LED_STEPS)[1:]:
+            poses = begin + share * (plan.held_poses - begin)
+            led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
+            bends = np.maximum(bends, np.abs(led.angles))
+        doubt = BEND_DEVIATIONS * plan.deviations
+        limit = max(self.settings.bend_limit, self.cable.joint_limit)
+        worse = bends > np.abs(plan.estimate) + LEAST_BEND_GROWTH
+        joint = int(np.argmax(np.where(worse, bends + doubt, 0.0)))
+        if not (worse[joint] and bends[joint] + doubt[joint] > limit):
+            return None
+        bent = f"{np.degrees(bends[joint]):.1f}° ± {np.degrees(doubt[joint]):.1f}°"
+        return joint, (
+            f"the floor holds the cable back: joint {joint} would be bent by {bent}, and its limit "
+            f"is {np.degrees(limit):.1f}°"
+        )
+
+    def _plan_shape(self, inputs: PlanInputs, kept: frozenset[int] = frozenset()) -> TowingPlan:
+        """The best shape, as if the floor did not hold the cable back.
+
+        Vehicles that are kept stay where they were sent.
         """
         poses, welder_pose, period = inputs.poses, inputs.welder_pose, inputs.period
         if not (np.isfinite(welder_pose).all() and np.isfinite(period) and period > 0):
@@ -122,23 +179,18 @@ class TowingPlanner:
             before = CableEstimate.without_floor_pull(self.cable, last.estimate)
         held, settings = self.team.held_links, self.settings
         now = estimate_shape(self.cable, held, poses, last=before, trust=settings.trust)
-        limits = self.limited_problem(now.angles, inputs)
-        if last and settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
+        limits = self.limited_problem(now.angles, inputs, kept)
+        if last and settings.weights.pull and self.team.welder - 1 not in {*inputs.stopped, *kept}:
             pull = pull_on_welder(self.cable, held, now, poses, settings.trust)
             if pull is not None:
                 pull = pull.moved((welder_pose - poses[-1])[:2])
                 limits = replace(limits, problem=replace(limits.problem, pull=pull))
-        iterations, shape = 0, None
-        pressed: tuple[str, ...] = ()
-        if last is None or not last.limits:
-            angles, iterations = optimise_without_limits(limits.problem)
-            shape = CheckedShape(limits, angles)
-        if shape is None or not shape.is_feasible:
-            limited = optimise_within_limits(limits, now.angles)
-            shape = CheckedShape(limits, limited.angles)
-            pressed = tuple(limits.describe(row) for row in limited.pressed)
-            iterations += limited.iterations
+        shape, pressed, iterations = self._search_shape(limits, now.angles, last)
         halt = shape.objection(now, pressed, settings.trust)
+        if halt and last is not None:
+            # The floor may hold the cable on the other side of an obstacle than it was planned.
+            shape, pressed, more = self._search_shape(limits, now.angles, None)
+            halt, iterations = shape.objection(now, pressed, settings.trust), iterations + more
         retreat = "" if halt or shape.is_feasible else shape.broken_limit(pressed)
         known = (self.cable, held, now, poses, settings.trust)
         forces, tension = (None, None) if last is None else cable_forces(*known)
@@ -154,6 +206,23 @@ class TowingPlanner:
             forces=forces,
             tension=tension,
         )
+
+    def _search_shape(
+        self, limits: LimitedProblem, estimate: Array, last: TowingPlan | None
+    ) -> tuple[CheckedShape, tuple[str, ...], int]:
+        """The best shape near the last plan's, or the estimate's; what presses it, and iterations.
+
+        Limits are looked at first if they pressed the last plan.
+        """
+        start, iterations = estimate if last is None else last.angles, 0
+        if last is None or not last.limits:
+            angles, iterations = optimise_without_limits(limits.problem, start)
+            shape = CheckedShape(limits, angles)
+            if shape.is_feasible:
+                return shape, (), iterations
+        limited = optimise_within_limits(limits, start)
+        pressed = tuple(limits.describe(row) for row in limited.pressed)
+        return CheckedShape(limits, limited.angles), pressed, iterations + limited.iterations
 
     def starts(
         self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
@@ -187,14 +256,17 @@ class TowingPlanner:
         weights = replace(self.settings.weights, change=0.0, pace=0.0)
         return replace(limits, problem=replace(limits.problem, weights=weights))
 
-    def limited_problem(self, estimate: Array, inputs: PlanInputs) -> LimitedProblem:
+    def limited_problem(
+        self, estimate: Array, inputs: PlanInputs, kept: frozenset[int] = frozenset()
+    ) -> LimitedProblem:
         """The problem of one period, and the limits that its solution must keep."""
         s, now, last = self.settings, self.cable.poses(estimate)[self._held], inputs.last
-        still = [m for m in sorted(inputs.stopped) if m != self.team.welder]
+        still = [m for m in sorted({*inputs.stopped, *kept}) if m != self.team.welder]
         drives = [m for m in range(self.team.welder) if m not in still]
         begins = now if last is None or last.halt else last.held_poses
         floor = self._floor.with_discs(inputs.obstacles, s.look_ahead)
-        fixed, fixed_poses = [*still, self.team.welder], np.vstack((now[still], inputs.welder_pose))
+        places = [now[m] if m in inputs.stopped else begins[m] for m in still]
+        fixed, fixed_poses = [*still, self.team.welder], np.vstack((*places, inputs.welder_pose))
         problem = ShapeProblem(
             *(self.cable, floor, s.weights, s.targets, estimate, self._held[fixed], fixed_poses),
             *(self._held[drives], begins[drives, :2].copy(), inputs.period),
@@ -202,9 +274,9 @@ class TowingPlanner:
         return LimitedProblem(problem, self.team, s.limits, tuple(d.name for d in inputs.obstacles))
 
 
-def optimise_without_limits(problem: ShapeProblem) -> tuple[Array, int]:
-    """Solution without limits, from the estimate on; angles and iterations."""
-    angles = problem.estimate.copy()
+def optimise_without_limits(problem: ShapeProblem, start: Array | None = None) -> tuple[Array, int]:
+    """Solution without limits, from a start or the estimate on; angles and iterations."""
+    angles = np.array(problem.estimate if start is None else start)
     return angles, minimise_objective(angles, NEWTON_ITERATIONS, GRADIENT_TOLERANCE, *problem.plain)
 
 
