@@ -61,8 +61,16 @@ CABLE_LIMITS: Final = (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK)
 NEAR_LIMIT: Final = 0.7
 """Share of the joints' limit from which on it is found how well the angles are known."""
 
+MOST_PROGRAMS: Final = 12
+"""Quadratic programs of a plan; three are usual from the last plan's shape. What has not ended then
+goes to and fro beside an obstacle that comes too quickly."""
+
 LEAST_BEND_GROWTH: Final = 1e-4
 """Radians by which a joint must bend further until it is held: less is no way."""
+
+NEAR_DISC: Final = 0.05
+"""Metres of clearance to spare below which a link of the estimated cable is near to a disc: some
+periods of a vehicle's way."""
 
 LED_STEPS: Final = 5
 """In which it is found how the floor bends the cable on the way to a plan: what slides first
@@ -119,7 +127,8 @@ class TowingPlanner:
         """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`.
 
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
-        planned to. Then the vehicles on either side of it stay, or all do, and the welder waits.
+        planned to, or a link come nearer to an obstacle. Then the vehicle on one side of it
+        stays where it was sent, or on both, or all do, and the welder waits.
 
         Raises
         ------
@@ -127,38 +136,51 @@ class TowingPlanner:
             A pose of the welder or a period that is no number.
         """
         plan = self._plan_shape(inputs)
-        bent = self._joint_bent_too_far(plan)
-        if bent is None:
+        astray = self._led_astray(plan, inputs)
+        if astray is None:
             return plan
-        joint, words = bent
-        piece, towing = int(np.searchsorted(self._held, joint)), set(range(self.team.welder))
-        plan = self._plan_shape(inputs, frozenset({piece - 1, piece} & towing))
-        sent = inputs.last
-        if sent and (plan.halt or self._joint_bent_too_far(plan)):
+        link, words = astray
+        piece, sent = int(np.searchsorted(self._held, link)), inputs.last
+        for beside in ({piece}, {piece - 1}, {piece - 1, piece}):
+            if kept := frozenset(beside & set(range(self.team.welder))):
+                plan = self._plan_shape(inputs, kept)
+                if not (plan.halt or self._led_astray(plan, inputs)):
+                    return replace(plan, retreat=words)
+        if sent:
             links, poses = sent.link_poses, sent.held_poses
             plan = replace(plan, angles=sent.angles, link_poses=links, held_poses=poses)
         return replace(plan, halt="", retreat=words)
 
-    def _joint_bent_too_far(self, plan: TowingPlan) -> tuple[int, str] | None:
-        """The joint that bends too far, and further than now, on the way to a plan; and words.
+    def _led_astray(self, plan: TowingPlan, inputs: PlanInputs) -> tuple[int, str] | None:
+        """A link or joint that comes too near to a disc or bends too far on the way to a plan.
 
-        That is the shape to which the floor lets the vehicles draw the cable as it is estimated.
+        And nearer, or further, than now. The way is that of the cable as it is estimated, as far as
+        the floor lets the vehicles draw it. Returns its number, and words.
         """
-        if plan.halt or plan.deviations is None or plan.rest is None:
+        if plan.halt or inputs.last is None or plan.rest is None:
+            return None
+        limits, now = self.limited_problem(plan.estimate, inputs), np.abs(plan.estimate)
+        near = _rows_of_links_to_discs(limits, plan.estimate, NEAR_DISC)
+        if plan.deviations is None and not len(near):
             return None
         led, held, trust = CableEstimate(plan.estimate, plan.rest), self._held, self.settings.trust
-        begin, bends = self.cable.poses(plan.estimate)[held], np.zeros(len(plan.estimate))
+        begin, bends = self.cable.poses(plan.estimate)[held], np.zeros(len(now))
         for share in np.linspace(0, 1 + OVERSHOOT_SHARE, 1 + LED_STEPS)[1:]:
             poses = begin + share * (plan.held_poses - begin)
             led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
             bends = np.maximum(bends, np.abs(led.angles))
-        doubt = BEND_DEVIATIONS * plan.deviations
+        rows = _rows_of_links_to_discs(limits, led.angles, 0.0)
+        if worst_margin(rows) < worst_margin(near) - LEAST_RETREAT:
+            row = rows[rows["margin"].argmin()]
+            words = limits.describe(row, BROKEN_LIMIT_TEXTS)
+            return int(row["link"]), f"the floor holds the cable back: {words}"
+        doubt = BEND_DEVIATIONS * (np.zeros(1) if plan.deviations is None else plan.deviations)
         limit = max(self.settings.bend_limit, self.cable.joint_limit)
-        worse = bends > np.abs(plan.estimate) + LEAST_BEND_GROWTH
-        joint = int(np.argmax(np.where(worse, bends + doubt, 0.0)))
-        if not (worse[joint] and bends[joint] + doubt[joint] > limit):
+        worst = np.where(bends > now + LEAST_BEND_GROWTH, bends + doubt, 0.0)
+        joint = int(np.argmax(worst))
+        if worst[joint] < limit:
             return None
-        bent = f"{np.degrees(bends[joint]):.1f}° ± {np.degrees(doubt[joint]):.1f}°"
+        bent = f"{np.degrees(bends[joint]):.1f}° ± {np.degrees(worst - bends)[joint]:.1f}°"
         return joint, (
             f"the floor holds the cable back: joint {joint} would be bent by {bent}, and its limit "
             f"is {np.degrees(limit):.1f}°"
@@ -220,7 +242,7 @@ class TowingPlanner:
             shape = CheckedShape(limits, angles)
             if shape.is_feasible:
                 return shape, (), iterations
-        limited = optimise_within_limits(limits, start)
+        limited = optimise_within_limits(limits, start, most=MOST_PROGRAMS)
         pressed = tuple(limits.describe(row) for row in limited.pressed)
         return CheckedShape(limits, limited.angles), pressed, iterations + limited.iterations
 
@@ -272,6 +294,13 @@ class TowingPlanner:
             *(self._held[drives], begins[drives, :2].copy(), inputs.period),
         )
         return LimitedProblem(problem, self.team, s.limits, tuple(d.name for d in inputs.obstacles))
+
+
+def _rows_of_links_to_discs(limits: LimitedProblem, angles: Array, band: float) -> LimitRows:
+    """Rows of links with a margin to a disc below a band, metres."""
+    rows = limits.rows(angles, band)
+    found: LimitRows = rows[(rows["kind"] == LimitKind.LINK_TO_OBSTACLE) & (rows["disc"] >= 0)]
+    return found
 
 
 def optimise_without_limits(problem: ShapeProblem, start: Array | None = None) -> tuple[Array, int]:
