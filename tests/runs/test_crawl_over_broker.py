@@ -44,7 +44,7 @@ def test_a_drive_fault_stops_it_and_no_pass_is_lost(tmp_path: Path) -> None:
         job = read_crawl_job(file)
         out = tmp_path / "run"
         with VehicleLoopbackProcess(broker.address, "--settings", str(file)) as vehicles:
-            with pytest.raises(VehicleFault):
+            with pytest.raises(VehicleFault, match="over temperature"):
                 run_crawl(CrawlContext(job, file, DriveFaultInWeld(vehicles)), out)
             cut = read_recorded_crawl(out)
             assert cut.events[-1].name == Phase.STOP

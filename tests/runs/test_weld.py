@@ -359,13 +359,14 @@ class CountingPlanner:
     """Counts the beads that are laid, and plans the next."""
 
     def __init__(self) -> None:
-        self.done = 0
+        self.done, self.laid = 0, list[Any]()
 
     def next_bead(self) -> NextBead:
         return replace(bead_along(bent_stations().s), number=self.done)
 
-    def after_bead(self, bead: NextBead, weldable: Any = None) -> None:
+    def after_bead(self, bead: NextBead, *laid: Any) -> None:
         assert bead.number == self.done
+        self.laid.append(laid[0])
         self.done += 1
 
     def take_look(self, *seen: Any) -> None:
@@ -382,6 +383,7 @@ def replayed(*messages: object) -> Weld:
     weld = weld_without_looks()
     planner: Any = CountingPlanner()
     weld.planner = planner
+    weld.world = SimpleNamespace(weld=lambda trace: None)  # type: ignore[assignment]
     for message in messages:
         weld.replay(message)
     weld.end_replay()
@@ -462,6 +464,36 @@ def test_second_ignition_needs_room_and_names_its_gap() -> None:
     assert [one.name for one in journal.kept if isinstance(one, RunEvent)] == ["gap"]
     with pytest.raises(ConfigurationError, match="overlap"):
         read_weld_job(JOB, {"weld.overlap_mm": 1.0})
+
+
+def test_gap_before_a_second_ignition_does_not_count_as_welded() -> None:
+    ends = np.array((0.002, 0.2))
+    along: Any = dict.fromkeys(("s", "speed", "feed", "heat_input"), ends)
+    second = replace(arc(0.002, 0.2), **along)
+    weld = replayed(planned(0), arc(0.0, 0.0), second, planned(1))
+    planner: Any = weld.planner
+    s = bent_stations().s
+    assert (planner.laid[0] == (s > 0.001)).all()
+
+
+def test_operator_stops_the_wait_between_two_beads() -> None:
+    weld, journal, source = replayed(), FailingJournal(lambda message: False), None
+    order: Any = SimpleNamespace(counts=(2,))
+    waits: list[float] = []
+
+    def wait(seconds: float) -> None:
+        waits.append(seconds)
+        weld.context.stop.ends_after_section = len(waits) == 3
+
+    clock: Any = SimpleNamespace(wait=wait)
+    weld.order, weld.clock = order, clock
+    with pytest.raises(WeldStopped, match="between two beads") as caught:
+        weld.weld_all(source, LookSchedule.NONE, journal)  # type: ignore[arg-type]
+    assert caught.value.fault == ArcFault.STOPPED
+    assert weld.context.wps.sequence.interpass_wait > 10
+    assert waits == [1.0] * 3
+    assert weld.planner is not None
+    assert weld.planner.done == 1
 
 
 def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:

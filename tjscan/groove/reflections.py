@@ -18,14 +18,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, stretches_of_true_values
 from tjscan.groove import kernel
 from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     FittedProfile,
     GrooveFit,
     Index,
-    stretches_of_true_values,
 )
 from tjscan.laser.profile import Profile
 

@@ -351,13 +351,6 @@ class GrooveFit:
     evidence: SectionEvidence | None = None
 
 
-def stretches_of_true_values(values: NDArray[np.bool_]) -> tuple[Index, Index]:
-    """First index of each stretch of true values, and the index after its last."""
-    padded = np.concatenate(([False], values, [False]))
-    starts, stops = (padded[1:] != padded[:-1]).nonzero()[0].reshape(-1, 2).T
-    return starts, stops
-
-
 def corners_between_sides(
     sides: tuple[CubicCurve, ...], near: Array
 ) -> tuple[Array, tuple[tuple[float, float], ...]] | None:

@@ -100,11 +100,6 @@ class SimulatedPowerSource(LocalPowerSource):
         self._flow_from, self._energy, self._last = inf, 0.0, clock()
         self._wire_stuck = False
 
-    @property
-    def true_feed(self) -> float:
-        """What of wire is melted at this moment, m/s: nothing without current."""
-        return self._fed if self._flows else 0.0
-
     def order_fault(self, fault: PowerFaultOrder) -> None:
         """Let something fail from now on, or set all right again."""
         if fault is PowerFaultOrder.CLEAR:
