@@ -40,19 +40,19 @@ class PlannerSettings:
         Distances that no plan undercuts. The joints' limit is the cable's own.
     trust : PoseAccuracy
         In the vehicles' poses.
-    look_ahead : float
-        Seconds of an obstacle's way that are kept free: delay and stopping time.
     bend_limit : float
         Radians that no joint of the cable may be bent by as the floor holds it, if that is more
         than the limit of the cable as it is planned.
+    look_ahead : float
+        Seconds of an obstacle's way that are kept free: delay and stopping time.
     """
 
     weights: WeightSettings = field(default_factory=WeightSettings)
     targets: TargetSettings = field(default_factory=TargetSettings)
     limits: LimitSettings = field(default_factory=lambda: LimitSettings(link_clearance=0.02))
     trust: PoseAccuracy = field(default_factory=PoseAccuracy)
-    look_ahead: float = 1.0
     bend_limit: float = 0.0
+    look_ahead: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
