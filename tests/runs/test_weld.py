@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
@@ -19,6 +20,7 @@ from tjscan.groove.filled import KnownFlanks
 from tjscan.job.weld import read_weld_job
 from tjscan.planning.path import GrooveStations
 from tjscan.planning.wps import read_wps
+from tjscan.power.height import ArcHeightSettings
 from tjscan.power.sequence import ArcFault, ArcLimits
 from tjscan.power.simulated import PowerSimulationSettings, SimulatedPowerSource
 from tjscan.power.source import PowerSample
@@ -504,3 +506,33 @@ def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:
         weld.end_replay()
     weld.replay(arc(0.0, 0.04))
     weld.end_replay()
+
+
+def test_current_leads_a_torch_that_is_too_high_down_and_says_where_it_may_not() -> None:
+    """A torch that gets 2 mm too high: the current falls unless its height follows that."""
+    drops, names = [], []
+    for height in (None, ArcHeightSettings(most=3e-3), ArcHeightSettings(most=1e-3)):
+        clock, journal = SimulatedClock(), FailingJournal(lambda message: False)
+        over = [0.0]
+
+        def raise_torch(s: float, raised: float, over: list[float] = over) -> None:
+            over[0] = raised + 2e-3 * s / 0.06
+
+        settings = PowerSimulationSettings(current_noise=0.0)
+        now, higher = partial(getattr, clock, "now"), partial(over.__getitem__, 0)
+        with SimulatedPowerSource(settings, now, higher) as source:
+            wps = read_wps(ROOT / "examples" / "wps.toml")
+            welder = ArcWelder(
+                source, ArcLimits(), wps, clock, journal, lambda: False, True, height, raise_torch
+            )
+            assert welder.weld(bead_along(np.array((0.0, 0.06))), 0.0, 0.06)[1] is None
+        rows = [one for one in journal.kept if isinstance(one, ArcStretchMessage)]
+        currents = [one.current.value or 0.0 for one in rows]
+        drops.append(currents[0] - currents[-1])
+        names.append(
+            [one.name for one in journal.kept if isinstance(one, RunEvent)].count("height")
+        )
+    assert drops[0] > 8
+    assert drops[1] < 0.3 * drops[0]
+    assert 0.3 * drops[0] < drops[2] < drops[0]
+    assert names == [0, 0, 1]

@@ -15,6 +15,7 @@ from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, SettingsTable
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.files import ScanJob, read_located_job
 from tjscan.power.drivers import POWER_DRIVERS
+from tjscan.power.height import ArcHeightSettings
 from tjscan.power.sequence import ArcLimits
 from tjscan.welding.bead import BeadModel
 from tjscan.welding.world import WeldFaults
@@ -35,9 +36,12 @@ class WeldSimulationSettings(WeldFaults):
     ----------
     seed : int
         Of all that wanders.
+    height : float
+        By which the torch is too high at the end of the groove; at its start it is not. Metres.
     """
 
     seed: Annotated[int, Ge(0)] = 1
+    height: Annotated[float, Ge(-5), Le(5), MM] = 0.0
 
 
 Direction = Annotated[tuple[float, float, float], LIST_OR_WORD_IN_FILE]
@@ -65,6 +69,8 @@ class WeldSettings(SettingsTable):
     holds : tuple of int
         Beads before which a person must let the weld go on.
     arc : ArcLimits
+    height : ArcHeightSettings, optional
+        How the torch's height follows the current; without, it stays as planned.
     bead : BeadModel
         By which beads are planned; a simulated weld has its own, with the defaults.
     simulation : WeldSimulationSettings
@@ -78,6 +84,7 @@ class WeldSettings(SettingsTable):
     overlap: Annotated[float, Ge(2), Le(100), MM] = 10e-3
     holds: Annotated[tuple[int, ...], MaxLen(200), LIST_OR_WORD_IN_FILE] = ()
     arc: ArcLimits = field(default_factory=ArcLimits)
+    height: ArcHeightSettings | None = None
     bead: BeadModel = field(default_factory=BeadModel)
     simulation: WeldSimulationSettings = field(default_factory=WeldSimulationSettings)
 

@@ -241,6 +241,7 @@ class Weld:
     _open_arc: str = ""
     _laid: bool = False
     _arm: ArmState | None = None
+    _raised: float = 0.0
 
     def __post_init__(self) -> None:
         self.weldable = np.zeros(len(self.stations.s), dtype=bool)
@@ -302,10 +303,16 @@ class Weld:
             PowerDriverInputs(
                 ask=self.context.ask,
                 clock=lambda: self.clock.now,
+                raised=lambda: self._raised,
                 seed=self.context.job.weld.simulation.seed,
             )
         )
         return source
+
+    def _raise_torch(self, s: float, raised: float) -> None:
+        """Let the torch be so much over the plan as it is led, and as it is too high besides."""
+        share = s / float(self.stations.s[-1])
+        self._raised = raised + share * self.context.job.weld.simulation.height
 
     def plan_all(self, journal: Journal) -> None:
         """Look, and plan every bead that is left by the bead model alone; nothing is welded."""
@@ -334,6 +341,8 @@ class Weld:
             journal,
             lambda: self.context.must_stop,
             simulated=True,  # the arm is
+            height=job.weld.height,
+            raise_torch=self._raise_torch,
         )
         planner = self.planner or self._look(journal)
         while planner.done < self.count:
