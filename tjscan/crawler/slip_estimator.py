@@ -77,6 +77,9 @@ TURNING_STATES: Final = [
 ]
 """What the turn rate is linear in."""
 
+RIPPLE_STATES: Final = slice(
+    SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1
+)
 ODOMETRY_STATES: Final = slice(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.ODOMETRY_DELAY + 1)
 """What the tracks' turn rate is wrong by."""
 
@@ -118,6 +121,9 @@ class TrackOdometry:
         it last turned back, faded over `SETTLING_LENGTH`.
     turned_back : bool, optional
         Whether it now goes the other way than in the periods before.
+    mean_turn_rate : float, optional
+        The turn rate without the encoders' noise, by its mean over the last millimetres; that of
+        this period if left out.
     turn_rate_parts : tuple of float, optional
         What each of `ODOMETRY_STATES`, were it 1, would add to the turn rate, rad/s.
     """
@@ -127,6 +133,7 @@ class TrackOdometry:
     period: float
     recent_turn: float = 0.0
     turned_back: bool = False
+    mean_turn_rate: float | None = None
     turn_rate_parts: tuple[float, ...] = (0.0,) * 5
 
 
@@ -167,13 +174,18 @@ def propagate_state(
     fixed, turning_drift, *wrong, _, _, _, sways, veers = x[9:].tolist()
     u, dt = odometry.speed, odometry.period
     way = copysign(1.0, u) if u else 0.0
-    tracks_turn = odometry.turn_rate + sum(map(mul, wrong, odometry.turn_rate_parts))
-    even_turn = efficiency * tracks_turn + (drift + veers) * u
-    side = copysign(1.0, even_turn) if even_turn else 0.0
-    turn = even_turn + turning_drift * abs(even_turn)
+    wrongly = list(map(mul, wrong, odometry.turn_rate_parts))
+    tracks_turn = odometry.turn_rate + sum(wrongly)
+    # What goes by how much it turns, whichever way, is of the mean turn: noise has no mean of 0 there.
+    mean_turn = odometry.turn_rate if odometry.mean_turn_rate is None else odometry.mean_turn_rate
+    mean_turn += sum(wrongly[:-1])
+    level = efficiency * mean_turn + (drift + veers) * u
+    side = copysign(1.0, level) if level else 0.0
+    turn = efficiency * tracks_turn + (drift + veers) * u + turning_drift * abs(level)
+    most = abs(level) + turning_drift * level
     arm = geometry.centre_to_torch + fixed + way * ahead
     # Travel sideways: by heading, by crab, and as the torch swings round the centre of rotation.
-    q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * abs(turn) - turn * arm)
+    q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * most - turn * arm)
     # A turn that lasts shifts the centre farther, the less so the more feet slide.
     sticks = 1 / (1 + efficiency * abs(odometry.recent_turn) / HALF_STICKING_CURVATURE)
     turned = u * odometry.recent_turn * sticks
@@ -185,19 +197,21 @@ def propagate_state(
     after[SlipStateIndex.HEADING] = heading + dt * (turn - curvature * u)
     after[SlipStateIndex.JOINT_DOWN] -= dt * curvature * u
     # How far it turns by each quantity of slip, and so goes aside with that.
-    by_slip = np.zeros(STATE_COUNT)
-    by_slip[TURNING_STATES] = tracks_turn, u, u
+    by_slip, by_level = np.zeros(STATE_COUNT), np.zeros(STATE_COUNT)
+    by_slip[TURNING_STATES], by_level[TURNING_STATES] = (tracks_turn, u, u), (mean_turn, u, u)
     by_slip[ODOMETRY_STATES] = np.multiply(odometry.turn_rate_parts, efficiency)
-    by_slip *= 1 + side * turning_drift
-    by_slip[SlipStateIndex.TURNING_DRIFT] = abs(even_turn)
+    by_level[RIPPLE_STATES] = by_slip[RIPPLE_STATES]
+    by_slip += side * turning_drift * by_level
+    by_slip[SlipStateIndex.TURNING_DRIFT] = abs(level)
+    by_level *= side + turning_drift
+    by_level[SlipStateIndex.TURNING_DRIFT] = level
     F = np.eye(STATE_COUNT)
     F[1] += dt * by_slip
     F[[SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN], SlipStateIndex.CURVATURE] = -dt * u
-    F[0] += dt * (turning_crab * (copysign(1.0, turn) if turn else 0.0) - arm) * by_slip
+    F[0] += dt * (turning_crab * by_level - arm * by_slip)
     F[0, SlipStateIndex.YAW_EFFICIENCY] -= dt * settled * turned * sticks
     F[0, SIDEWAYS_STATE_INDICES] = np.multiply(
-        dt,
-        (u * cos(heading), -turn * way, -turn, abs(u), abs(u), abs(turn), -efficiency * turned),
+        dt, (u * cos(heading), -turn * way, -turn, abs(u), abs(u), most, -efficiency * turned)
     )
     F[UNSTEADY_STATES, UNSTEADY_STATES] = kept
     return after, F
