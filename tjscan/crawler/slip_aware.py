@@ -86,7 +86,7 @@ def track_turn_rate(
 
     Parameters
     ----------
-    x : ndarray, shape (21,)
+    x : ndarray, shape (22,)
         As `SlipStateIndex` orders it.
     speed : float
         Forward, m/s; nothing is steered if it is 0.

@@ -24,7 +24,7 @@ from tjscan.crawler.state_smoother import StateSmoother
 
 
 class SlipStateIndex(IntEnum):
-    """The place of each quantity in a state vector, shape (21,).
+    """The place of each quantity in a state vector, shape (22,).
 
     OFFSET is the torch's from the joint, metres; HEADING the angle from the joint to the
     vehicle; ROTATION_CENTRE how far the centre of rotation is ahead of the vehicle's own, in
@@ -40,7 +40,8 @@ class SlipStateIndex(IntEnum):
     way from pad to pad. ODOMETRY_DELAY is how much later than shown the tracks turn, seconds:
     drives lag by more than assumed. GYRO_BIAS is in rad/s; JOINT_DOWN the direction of down from
     that of the joint, as the inclinometer shows it, radians, and INCLINOMETER_LAG the seconds by
-    which that is damped. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those
+    which that is damped. UNEVENNESS is how far to the left of its course the joint is where the laser
+    sees it, metres: for `UNEVEN_LENGTH`, as its edges are cut. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those
     for now, and forget over `SETTLING_LENGTH`.
     """
 
@@ -63,8 +64,9 @@ class SlipStateIndex(IntEnum):
     GYRO_BIAS = 16
     JOINT_DOWN = 17
     INCLINOMETER_LAG = 18
-    UNSTEADY_CRAB = 19
-    UNSTEADY_DRIFT = 20
+    UNEVENNESS = 19
+    UNSTEADY_CRAB = 20
+    UNSTEADY_DRIFT = 21
 
 
 STATE_COUNT: Final = len(SlipStateIndex)
@@ -76,6 +78,14 @@ TURNING_STATES: Final = [
     SlipStateIndex.UNSTEADY_DRIFT,
 ]
 """What the turn rate is linear in."""
+
+LASER_STATES: Final = [
+    SlipStateIndex.OFFSET,
+    SlipStateIndex.HEADING,
+    SlipStateIndex.CURVATURE,
+    SlipStateIndex.UNEVENNESS,
+]
+"""What a reading of the joint depends on."""
 
 RIPPLE_STATES: Final = slice(
     SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1
@@ -97,6 +107,10 @@ SIDEWAYS_STATE_INDICES: Final = [
 SETTLING_LENGTH: Final = 0.1
 """Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
 latest after its contact, and let go before where they slide (assumption)."""
+
+UNEVEN_LENGTH: Final = 5e-3
+"""Metres of the joint after which its edges are off by something else: what a cut wanders by lasts for
+some millimetres (assumption). As noise of single readings it would count thirty times too little."""
 
 HALF_STICKING_CURVATURE: Final = 0.1
 """1/m: a turn in which most feet slide, so that half of what a turn that lasts shifts the centre of
@@ -160,18 +174,18 @@ def propagate_state(
 
     Parameters
     ----------
-    x : ndarray, shape (21,)
+    x : ndarray, shape (22,)
         As `SlipStateIndex` orders it.
     odometry : TrackOdometry
     geometry : CrawlerGeometry
 
     Returns
     -------
-    x : ndarray, shape (21,)
-    F : ndarray, shape (21, 21)
+    x : ndarray, shape (22,)
+    F : ndarray, shape (22, 22)
     """
     q, heading, ahead, efficiency, drift, crab, curvature, turning_crab, settled = x[:9].tolist()
-    fixed, turning_drift, *wrong, _, _, _, sways, veers = x[9:].tolist()
+    fixed, turning_drift, *wrong, _, _, _, _, sways, veers = x[9:].tolist()
     u, dt = odometry.speed, odometry.period
     way = copysign(1.0, u) if u else 0.0
     wrongly = list(map(mul, wrong, odometry.turn_rate_parts))
@@ -192,7 +206,9 @@ def propagate_state(
     q -= dt * settled * efficiency * turned
     kept = exp(-abs(u) * dt / SETTLING_LENGTH)
     after = x.copy()
+    evenly = exp(-abs(u) * dt / UNEVEN_LENGTH)
     after[UNSTEADY_STATES] *= kept
+    after[SlipStateIndex.UNEVENNESS] *= evenly
     after[SlipStateIndex.OFFSET] = q
     after[SlipStateIndex.HEADING] = heading + dt * (turn - curvature * u)
     after[SlipStateIndex.JOINT_DOWN] -= dt * curvature * u
@@ -214,6 +230,7 @@ def propagate_state(
         dt, (u * cos(heading), -turn * way, -turn, abs(u), abs(u), most, -efficiency * turned)
     )
     F[UNSTEADY_STATES, UNSTEADY_STATES] = kept
+    F[SlipStateIndex.UNEVENNESS, SlipStateIndex.UNEVENNESS] = evenly
     return after, F
 
 
@@ -225,20 +242,20 @@ def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
 
     Parameters
     ----------
-    x : ndarray, shape (21,)
+    x : ndarray, shape (22,)
     geometry : CrawlerGeometry
 
     Returns
     -------
     d : float
         Metres.
-    H : ndarray, shape (21,)
+    H : ndarray, shape (22,)
     """
     D, slope = geometry.laser_to_torch, tan(x[SlipStateIndex.HEADING])
     H = np.zeros(STATE_COUNT)
-    states = [SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.CURVATURE]
-    H[states] = 1, D * (1 + slope**2), -D * D / 2
-    return float(x[SlipStateIndex.OFFSET] + D * slope - x[SlipStateIndex.CURVATURE] * D * D / 2), H
+    H[LASER_STATES] = 1, D * (1 + slope**2), -D * D / 2, 1
+    offset, _, curvature, uneven = x[LASER_STATES].tolist()
+    return offset + D * slope - curvature * D * D / 2 + uneven, H
 
 
 STUDENT_DEGREES_OF_FREEDOM: Final = 4.0
@@ -350,9 +367,9 @@ class SlipEstimate:
 
     Parameters
     ----------
-    x : ndarray, shape (21,)
+    x : ndarray, shape (22,)
         As `SlipStateIndex` orders it.
-    P : ndarray, shape (21, 21)
+    P : ndarray, shape (22, 22)
         Its covariance.
     """
 
@@ -393,6 +410,7 @@ class SlipEstimate:
             SlipStateIndex.OFFSET,
             SlipStateIndex.HEADING,
             SlipStateIndex.JOINT_DOWN,
+            SlipStateIndex.UNEVENNESS,
             *range(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1),
         ]
         x, P = self.x.copy(), self.P.copy()
@@ -480,7 +498,10 @@ class SlipEstimator:
         changes = self._walk_per_metre * travel
         # Variances of unsteady slip stay what they should be.
         changes[UNSTEADY_STATES] += (1 - kept**2) * np.array(self._unsteady_variances())
-        P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
+        changes *= self.unsteadiness
+        uneven = SlipStateIndex.UNEVENNESS
+        changes[uneven] = (1 - F[uneven, uneven] ** 2) * self._uncertainty.unevenness**2
+        P[np.diag_indices(STATE_COUNT)] += changes
         # White noise of the turn rate: its spectral density does not depend on the period.
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         self.estimate = SlipEstimate(x, (P + P.T) / 2)
@@ -536,12 +557,12 @@ class SlipEstimator:
             uncertainty does not explain it; nothing of it is weighed down.
         """
         expected, H = laser_offset(self.estimate.x, self.geometry)
-        variance, off = sigma**2 + self._uncertainty.unevenness**2, d - expected
-        before = float(H @ self.estimate.P @ H)
-        self._misfit += off / sqrt(before + variance)
+        variance, off = sigma**2, d - expected
+        known = float(H @ self.estimate.P @ H) + variance
+        self._misfit += off / sqrt(known)
         self._readings += 1
         self._correct(off, H, variance)
-        return off * sqrt(variance / (before + variance))
+        return off * sqrt(min((variance + self._uncertainty.unevenness**2) / known, 1.0))
 
     def read_inertial(
         self, gyro: Sequence[float], down: Sequence[float], period: float
@@ -593,6 +614,4 @@ class SlipEstimator:
         variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
         gain = PH / (before + variance)
         self.smoother.add_reading(H, gain, difference, before + variance)
-        rest = np.eye(STATE_COUNT) - np.outer(gain, H)
-        P = rest @ P @ rest.T + np.outer(gain, gain) * variance
-        self.estimate = SlipEstimate(x + gain * difference, P)
+        self.estimate = SlipEstimate(x + gain * difference, P - np.outer(gain, PH))
