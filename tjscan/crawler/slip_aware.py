@@ -50,6 +50,9 @@ CREEPING_SPEED: Final = 1e-3
 DRIVE_LAG: Final = 0.05
 """Seconds: time constant of the drives (assumption)."""
 
+LIKELY_DELAY: Final = 0.04
+"""Seconds over which a turn is late that is late by the delay of the odometry: half of 80 ms."""
+
 LEAST_YAW_EFFICIENCY: Final = 0.2
 """A vehicle that turned less would not be one that follows a joint."""
 
@@ -137,7 +140,7 @@ class OdometryFilter:
     """
 
     def __init__(self, tracks: TrackGeometry | None = None) -> None:
-        self._speed = self._turn_rate = self._mean_turn_rate = 0.0
+        self._speed = self._turn_rate = self._mean_turn_rate = self._late_turn_rate = 0.0
         self._way, self._recent_turn = 0.0, 0.0
         self._tracks, self._chains = tracks or TrackGeometry(), np.zeros(2)
         self._off, self._noise = (0.0, 0.0), QUIET_TURN_RATE**2
@@ -162,9 +165,10 @@ class OdometryFilter:
             abs(measured.turn_rate - turn_rate) > RAMP_TURN_RATE_DIFFERENCE
         ):
             correct = 1.0
-        before = self._turn_rate
         self._speed = speed + correct * (measured.speed - speed)
         self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
+        late = min(period / LIKELY_DELAY, 1.0) * (self._turn_rate - self._late_turn_rate)
+        self._late_turn_rate += late
         turned_back, new = False, 1.0
         if abs(self._speed) > CREEPING_SPEED:
             way = copysign(1.0, self._speed)
@@ -184,7 +188,7 @@ class OdometryFilter:
             self._recent_turn,
             turned_back,
             self._mean_turn_rate,
-            turn_rate_parts=(*self._turn_by_ripple(), (before - self._turn_rate) / period),
+            turn_rate_parts=(*self._turn_by_ripple(), -late / period),
         )
 
     def _share_of_encoders(self, off: float, period: float) -> float:
