@@ -7,8 +7,8 @@ from tjscan.core.frames import Array
 from tjscan.crawler.slip_aware import OdometryFilter
 from tjscan.crawler.slip_estimator import (
     SETTLING_LENGTH,
-    UNEVEN_LENGTH,
     STATE_COUNT,
+    UNEVEN_LENGTH,
     CrawlerGeometry,
     SlipEstimate,
     SlipEstimator,

@@ -31,8 +31,8 @@ LONGEST_PERIOD: Final = 2.0
 """Seconds from one state of the vehicle to the next, beyond which its way is not known."""
 
 MOST_STATES_AT_ONE_TIME: Final = 25
-"""States in a row that the vehicle may date alike: half a second of a usual one. Without time no way
-is added up, and none of the limits that are on way or time is ever reached."""
+"""States in a row that the vehicle may date alike: half a second of a usual one. Without time no
+way is added up, and none of the limits that are on way or time is ever reached."""
 
 MOST_PROFILE_AGE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten

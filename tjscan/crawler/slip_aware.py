@@ -41,8 +41,8 @@ RAMP_TURN_RATE_DIFFERENCE: Final = 10e-3
 """m/s and rad/s: encoders this far from what was asked show a ramp, not noise, and count alone."""
 
 TURN_MEMORY_LENGTH: Final = 10e-3
-"""Metres over which the turn rate is averaged whose magnitude counts: encoders that count 1.6 µm make
-it noisier by 5 mrad/m at 8 mm/s, of which 0.3 are left, and feet do not shear in less."""
+"""Metres over which the turn rate is averaged whose magnitude counts: encoders that count 1.6 µm
+make it noisier by 5 mrad/m at 8 mm/s, which cancels over a second, and feet shear in no less."""
 
 CREEPING_SPEED: Final = 1e-3
 """m/s: what is slower shows no curvature, its turn being divided by hardly anything."""

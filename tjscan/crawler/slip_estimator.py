@@ -40,9 +40,10 @@ class SlipStateIndex(IntEnum):
     way from pad to pad. ODOMETRY_DELAY is how much later than shown the tracks turn, seconds:
     drives lag by more than assumed. GYRO_BIAS is in rad/s; JOINT_DOWN the direction of down from
     that of the joint, as the inclinometer shows it, radians, and INCLINOMETER_LAG the seconds by
-    which that is damped. UNEVENNESS is how far to the left of its course the joint is where the laser
-    sees it, metres: for `UNEVEN_LENGTH`, as its edges are cut. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those
-    for now, and forget over `SETTLING_LENGTH`.
+    which that is damped. UNEVENNESS is how far to the left of its course the joint is where the
+    laser sees it, metres: for `UNEVEN_LENGTH`, as its edges are cut. UNSTEADY_CRAB and
+    UNSTEADY_DRIFT are what crab and drift differ from those for now, and forget over
+    `SETTLING_LENGTH`.
     """
 
     OFFSET = 0
@@ -109,8 +110,9 @@ SETTLING_LENGTH: Final = 0.1
 latest after its contact, and let go before where they slide (assumption)."""
 
 UNEVEN_LENGTH: Final = 5e-3
-"""Metres of the joint after which its edges are off by something else: what a cut wanders by lasts for
-some millimetres (assumption). As noise of single readings it would count thirty times too little."""
+"""Metres of the joint after which its edges are off by something else: what a cut wanders by lasts
+for some millimetres (assumption). As noise of single readings it would count thirty times too
+little."""
 
 HALF_STICKING_CURVATURE: Final = 0.1
 """1/m: a turn in which most feet slide, so that half of what a turn that lasts shifts the centre of
@@ -190,7 +192,7 @@ def propagate_state(
     way = copysign(1.0, u) if u else 0.0
     wrongly = list(map(mul, wrong, odometry.turn_rate_parts))
     tracks_turn = odometry.turn_rate + sum(wrongly)
-    # What goes by how much it turns, whichever way, is of the mean turn: noise has no mean of 0 there.
+    # What goes by how much it turns, whichever way, is of the mean turn: noise adds up there.
     mean_turn = odometry.turn_rate if odometry.mean_turn_rate is None else odometry.mean_turn_rate
     mean_turn += sum(wrongly[:-1])
     level = efficiency * mean_turn + (drift + veers) * u
