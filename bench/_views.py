@@ -21,9 +21,9 @@ from tjscan.core.frames import (
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.mesh import build_joint_mesh
-from tjscan.laser.faults import FaultRandomStreams, apply_faults
+from tjscan.laser.faults import FaultRandomStreams, LaserRayHits, apply_faults
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import LaserRayHits, RaycastSurface, laser_ray_directions, trace_laser_rays
+from tjscan.laser.optics import RaycastSurface, laser_ray_directions, trace_laser_rays
 from tjscan.laser.profile import Profile
 
 STANDOFF: Final = 0.240

@@ -107,12 +107,12 @@ def _area(corners: tuple[Array, ...]) -> Array:
 def drawn_faults(rng: np.random.Generator) -> WeldFaults:
     """All faults of a weld: signs and sizes by chance."""
     return WeldFaults(
-        gain=1 + 0.03 * rng.uniform(-1, 1),
-        slip_sigma=rng.uniform(0.02, 0.05),
+        gain=0.03 * rng.uniform(-1, 1),
+        slip=rng.uniform(0.02, 0.05),
         offset=rng.choice((-1, 1)) * 0.5e-3,
-        wander_sigma=0.5e-3,
+        wander=0.5e-3,
         width_sigma=0.05,
-        shrinkage=1 + 0.3 * rng.uniform(-1, 1),
+        shrinkage=0.3 * rng.uniform(-1, 1),
     )
 
 

@@ -30,8 +30,8 @@ from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile, read_joint
+from tjscan.laser.faults import LaserRayHits
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import LaserRayHits
 from tjscan.laser.profile import Profile
 
 CAD: Final = Path(__file__).parent.parent / "cad"

@@ -36,7 +36,7 @@ from tjscan.core.errors import (
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, profile_of_row
-from tjscan.laser.scancontrol import SCANCONTROL_SCALES, parse_scancontrol, scancontrol_profile_size
+from tjscan.laser.scancontrol import parse_scancontrol, scancontrol_profile_size
 from tjscan_loopback.laser.coding import encode_profile
 from tjscan_loopback.process import LaserLoopbackProcess
 
@@ -197,7 +197,7 @@ def fuzzed(rounds: int) -> Row:
             if k % 2:
                 found = profile_of_row(bytes(raw), name, scales)
             else:
-                found = parse_scancontrol(bytes(raw), layout, SCANCONTROL_SCALES["2600-100"])
+                found = parse_scancontrol(bytes(raw), layout)
             bad += not bool(np.isfinite(found.points_s).all())
         except LaserFault:
             pass

@@ -240,7 +240,8 @@ def many_grooves(count: int) -> tuple[float, float]:
 def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
     """What two stations reach, and the program of one of them on the loopback controller."""
     start = process_time()
-    reaches, plan = find_reaches(edges, designed_corners(JOINT, whole_way()), WPS, DOWN)
+    wps = WPS.model_copy(update={"start_stop": None})  # no program sets a crater's wire feed
+    reaches, plan = find_reaches(edges, designed_corners(JOINT, whole_way()), wps, DOWN)
     took = process_time() - start
     stretches = [one.stretch for one in reaches]
     turns = [
@@ -250,11 +251,11 @@ def reach_rows(edges: GrooveEdges, *, quick: bool) -> list[Row]:
     way = reaches[0].lead_torch(plan)
     text = (ROOT / "examples" / "wps.toml").read_text(encoding="utf-8")
     written = samples_of_program(
-        text, path_to_urscript(way, WPS.model_copy(update={"weave": None}), 0, arc=True)
+        text, path_to_urscript(way, wps.model_copy(update={"weave": None}), 0, arc=True)
     )
     _, unnamed = count_outside(written, plan.findings)
     ways = [replace(way, beads=way.beads[:1])] if quick else [way]
-    followed = [follow_program(reaches[0], one, WPS) for one in ways]
+    followed = [follow_program(reaches[0], one, wps) for one in ways]
     return [
         Row("reach of two stations, CPU", took, 30, "s"),
         Row("groove that each reaches, at least", min(turns), 360, "°", at_least=180),

@@ -1,6 +1,7 @@
 """A power source over its registers: how soon the arc is out, and the torch at rest, after a fault.
 
-The loopback source runs in a process of its own; both processes read the same clock.
+The loopback source runs in a process of its own; both processes read the same clock. Then faults of
+all kinds at every state of an arc: 300, with ``--quick`` 24.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import _table
 from _arc import RealTimeArc, loopback_power_source
+from _arc_faults import draw_faults
 from _table import Row
 
 from tjscan.core.config import read_toml, validate_table
@@ -24,6 +26,8 @@ from tjscan_loopback.process import PowerLoopbackProcess
 
 JOB = Path(__file__).parent.parent / "examples" / "weld.toml"
 
+FAULTS = 24 if "--quick" in sys.argv else 300
+FAULT_SEED = 33
 REPEATS = 10
 """Times that each row is measured; the worst counts."""
 
@@ -103,7 +107,31 @@ def measure() -> Iterator[Row]:
             longest, off = find(function)
             yield Row(f"{name}, worst of {REPEATS}", 1e3 * longest, limit, "ms")
             yield Row(f"{name.partition(':')[0]}: arc off afterwards", 100 * off, 100, "%", 100)
+        yield from fault_rows(process, reached)
+
+
+def fault_rows(process: PowerLoopbackProcess, settings: ModbusPowerSettings) -> Iterator[Row]:
+    """Faults at every state: named, arc off, gone on with over an overlap, nothing twice."""
+    found = list(draw_faults(process, settings, FAULTS, FAULT_SEED))
+    for one in found:
+        if not (one.named and one.off and one.whole) or one.twice > 1e-6:
+            print(one, file=sys.stderr)
+    ended = sum(one.ended for one in found)
+    head = f"{len(found)} faults at every state, {ended} of them ended an arc"
+    for name, holds in (
+        ("named", [one.named for one in found]),
+        ("arc off", [one.off for one in found]),
+        ("welded whole after a resume", [one.whole for one in found]),
+        ("nothing welded twice but the overlap", [one.twice <= 1e-6 for one in found]),
+    ):
+        yield Row(f"{head}: {name}", 100 * sum(holds) / len(found), 100, "%", 100)
 
 
 if __name__ == "__main__":
-    sys.exit(_table.main("A power source behind Modbus TCP", measure, sys.argv[1:]))
+    sys.exit(
+        _table.main(
+            "A power source behind Modbus TCP",
+            measure,
+            [word for word in sys.argv[1:] if word != "--quick"],
+        )
+    )

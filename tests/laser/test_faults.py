@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.laser.faults import (
     FaultRandomStreams,
+    LaserRayHits,
     PointOrigin,
     SimulatedProfile,
     apply_faults,
@@ -19,7 +20,7 @@ from tjscan.laser.faults import (
     correlated_noise,
 )
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import LaserRayHits, laser_ray_directions
+from tjscan.laser.optics import laser_ray_directions
 
 N = 640
 EXACT = 1e-12

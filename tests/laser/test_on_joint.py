@@ -10,10 +10,9 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh, largest_chord_error
-from tjscan.laser.faults import PointOrigin
+from tjscan.laser.faults import LaserRayHits, PointOrigin
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import (
-    LaserRayHits,
     RaycastSurface,
     SimulatedLaser,
     laser_ray_directions,

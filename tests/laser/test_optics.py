@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, transform_points
+from tjscan.laser.faults import LaserRayHits
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import (
     LEAST_GHOST_DISTANCE,
-    LaserRayHits,
     RaycastSurface,
     laser_ray_directions,
     trace_laser_rays,

@@ -16,12 +16,10 @@ from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
 from tjscan.laser.scancontrol import (
     CONTAINER_FIELD_WORDS,
-    SCANCONTROL_SCALES,
     parse_scancontrol,
     scancontrol_profile_size,
 )
 
-SCALE = SCANCONTROL_SCALES["2600-100"]
 OFFSET_SECONDS = 1 / (8000 * 3072)
 
 POINT_COUNTS = (80, 160, 320, 640)
@@ -81,14 +79,14 @@ def test_a_full_profile_is_read_as_the_specification_has_it(points: int) -> None
     pairs = raw_numbers(points)
     raw = full_profile(pairs, time_stamp(77, 12.5, 12.501))
     assert len(raw) == 64 * points
-    profile = parse_scancontrol(raw, settings(points=points), SCALE)
+    profile = parse_scancontrol(raw, settings(points=points))
     assert_is(profile, pairs)
 
 
 def test_the_time_stamp_takes_the_place_of_the_last_reflection_of_the_last_point_alone() -> None:
     raw = full_profile(raw_numbers(80), time_stamp(1, 1.0, 1.1))
-    first = parse_scancontrol(raw, settings(points=80), SCALE)
-    fourth = parse_scancontrol(raw, settings(points=80, reflection=4), SCALE)
+    first = parse_scancontrol(raw, settings(points=80))
+    fourth = parse_scancontrol(raw, settings(points=80, reflection=4))
     assert first.valid[-1]
     assert not fourth.valid.any()
 
@@ -108,15 +106,15 @@ def test_a_container_is_read_field_by_field(little: bool, fields: tuple[str, ...
     stamped = row + bytes(2 * 160 - 16) + time_stamp(5, 127.9999, 0.0004, edges=8)
     layout = settings(layout="container", points=160, fields=fields, little_endian=little)
     for raw in (stamped, 3 * stamped):
-        assert_is(parse_scancontrol(raw, layout, SCALE), pairs)
-    assert_is(parse_scancontrol(row, replace(layout, time_stamp=False), SCALE), pairs)
+        assert_is(parse_scancontrol(raw, layout), pairs)
+    assert_is(parse_scancontrol(row, replace(layout, time_stamp=False)), pairs)
 
 
 def test_a_turned_axis_counts_from_the_other_end_and_zero_is_still_no_point() -> None:
     pairs = raw_numbers(80)
     raw = full_profile(pairs, time_stamp(1, 1.0, 1.1))
     turned = settings(points=80, flip_x=True, flip_z=True)
-    profile = parse_scancontrol(raw, turned, SCALE)
+    profile = parse_scancontrol(raw, turned)
     assert_is(profile, [(65535 - x, 65535 - z if z else 0) for x, z in pairs])
 
 
@@ -127,15 +125,15 @@ def test_a_time_stamp_that_counts_further_than_the_clock_is_refused(place: int, 
     stamp[place : place + 4] = word.to_bytes(4, "big")
     raw = full_profile(raw_numbers(80), bytes(stamp))
     with pytest.raises(ProfileFormatRefused, match="another layout"):
-        parse_scancontrol(raw, settings(points=80), SCALE)
+        parse_scancontrol(raw, settings(points=80))
 
 
 def test_payloads_of_another_size_are_refused() -> None:
     raw = full_profile(raw_numbers(80), time_stamp(1, 1.0, 1.1))
     with pytest.raises(ProfileFormatRefused, match="160 points"):
-        parse_scancontrol(raw[:-1], settings(points=160), SCALE)
+        parse_scancontrol(raw[:-1], settings(points=160))
     with pytest.raises(ProfileFormatRefused):
-        parse_scancontrol(b"", settings(), SCALE)
+        parse_scancontrol(b"", settings())
 
 
 @given(st.data())
@@ -152,7 +150,7 @@ def test_whatever_comes_is_a_profile_or_a_fault_of_the_laser(data: st.DataObject
     at = data.draw(st.integers(0, max(len(raw), 1)))
     raw = data.draw(st.sampled_from([raw + rest, raw[:at] + rest + raw[at + len(rest) :]]))
     try:
-        profile = parse_scancontrol(raw, layout, SCALE)
+        profile = parse_scancontrol(raw, layout)
     except LaserFault:
         return
     assert len(profile) == layout.points

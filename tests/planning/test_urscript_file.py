@@ -10,6 +10,7 @@ from plates import half_v
 from ringed_grooves import edges_of
 from ur_cell import HOME, KINEMATICS
 
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.planning.lay import PlannedBead
 from tjscan.planning.plan import WeldPlan, plan_weld
@@ -110,6 +111,11 @@ def test_a_woven_bead_swings_as_far_and_as_often_as_its_segments_say() -> None:
     along = np.interp(times, bead.times, bead.s)
     right = aside > 1e-4
     np.testing.assert_allclose(aside[right], np.interp(along, bead.s, weave)[right], rtol=1e-3)
+    blends = np.append(0.0, numbers[:-1, 8])
+    before, after = np.diff(tips, axis=0)[:-1], np.diff(tips, axis=0)[1:]
+    turned = np.sum(before * after, axis=1) < np.cos(np.radians(12)) * steps[:-1] * steps[1:]
+    assert turned.sum() > 4
+    assert (blends[1:][turned] == 0).all()
     settings = plan.wps.weave
     assert settings is not None
     starts = times[1:][right[1:] & ~right[:-1]]
@@ -131,6 +137,25 @@ def test_a_bead_moved_by_a_table_lays_what_its_feed_and_speed_bring() -> None:
     np.testing.assert_allclose(moved.heat, 0.5 * bead.heat)
     back = moved.with_segments(bead.segments, plan.wps)
     np.testing.assert_allclose(back.points, bead.points, atol=1e-15)
+
+
+def test_speed_follows_no_feed_that_is_not_set() -> None:
+    plan = small_plan()
+    bead = plan.beads[0]
+    path, now = bead.T_r_torch, bead.at_points
+    slower = bead.with_segments(replace(now, feed=0.8 * now.feed), plan.wps)
+    two = [BeadPath(one, path[:1], path, path[-1:]) for one in (bead, replace(slower, number=2))]
+    script = path_to_urscript(StationPath("a", HOME, tuple(two)), plan.wps, OUTPUT, arc=True)
+    feeds = [f"{one.bead.feed[0] * 60:.2f} m/min" for one in two]
+    assert f"begins with {feeds[0]}" in script
+    assert f'popup("go on when the wire feed is set to {feeds[1]}"' in script
+    varies = replace(now, feed=now.feed * np.linspace(1.0, 0.8, len(now.s)))
+    one = BeadPath(bead.with_segments(varies, plan.wps), path[:1], path, path[-1:])
+    with pytest.raises(ConfigurationError, match=r"along bead 1.*crater_feed") as refused:
+        path_to_urscript(StationPath("a", HOME, (one,)), plan.wps, OUTPUT, arc=True)
+    assert refused.value.key == "start_stop.crater_feed"
+    dry = path_to_urscript(StationPath("a", HOME, (one,)), plan.wps, OUTPUT, arc=False)
+    assert "popup" not in dry
 
 
 def test_an_operator_lets_each_layer_go_on_when_the_other_station_has_welded_it() -> None:

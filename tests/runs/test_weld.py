@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
@@ -19,6 +20,7 @@ from tjscan.groove.filled import KnownFlanks
 from tjscan.job.weld import read_weld_job
 from tjscan.planning.path import GrooveStations
 from tjscan.planning.wps import read_wps
+from tjscan.power.height import ArcHeightSettings
 from tjscan.power.sequence import ArcFault, ArcLimits
 from tjscan.power.simulated import PowerSimulationSettings, SimulatedPowerSource
 from tjscan.power.source import PowerSample
@@ -359,13 +361,14 @@ class CountingPlanner:
     """Counts the beads that are laid, and plans the next."""
 
     def __init__(self) -> None:
-        self.done = 0
+        self.done, self.laid = 0, list[Any]()
 
     def next_bead(self) -> NextBead:
         return replace(bead_along(bent_stations().s), number=self.done)
 
-    def after_bead(self, bead: NextBead, weldable: Any = None) -> None:
+    def after_bead(self, bead: NextBead, *laid: Any) -> None:
         assert bead.number == self.done
+        self.laid.append(laid[0])
         self.done += 1
 
     def take_look(self, *seen: Any) -> None:
@@ -382,6 +385,7 @@ def replayed(*messages: object) -> Weld:
     weld = weld_without_looks()
     planner: Any = CountingPlanner()
     weld.planner = planner
+    weld.world = SimpleNamespace(weld=lambda trace: None)  # type: ignore[assignment]
     for message in messages:
         weld.replay(message)
     weld.end_replay()
@@ -464,6 +468,36 @@ def test_second_ignition_needs_room_and_names_its_gap() -> None:
         read_weld_job(JOB, {"weld.overlap_mm": 1.0})
 
 
+def test_gap_before_a_second_ignition_does_not_count_as_welded() -> None:
+    ends = np.array((0.002, 0.2))
+    along: Any = dict.fromkeys(("s", "speed", "feed", "heat_input"), ends)
+    second = replace(arc(0.002, 0.2), **along)
+    weld = replayed(planned(0), arc(0.0, 0.0), second, planned(1))
+    planner: Any = weld.planner
+    s = bent_stations().s
+    assert (planner.laid[0] == (s > 0.001)).all()
+
+
+def test_operator_stops_the_wait_between_two_beads() -> None:
+    weld, journal, source = replayed(), FailingJournal(lambda message: False), None
+    order: Any = SimpleNamespace(counts=(2,))
+    waits: list[float] = []
+
+    def wait(seconds: float) -> None:
+        waits.append(seconds)
+        weld.context.stop.ends_after_section = len(waits) == 3
+
+    clock: Any = SimpleNamespace(wait=wait)
+    weld.order, weld.clock = order, clock
+    with pytest.raises(WeldStopped, match="between two beads") as caught:
+        weld.weld_all(source, LookSchedule.NONE, journal)  # type: ignore[arg-type]
+    assert caught.value.fault == ArcFault.STOPPED
+    assert weld.context.wps.sequence.interpass_wait > 10
+    assert waits == [1.0] * 3
+    assert weld.planner is not None
+    assert weld.planner.done == 1
+
+
 def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:
     begun = RunEvent(ARC_BEGUN_EVENT, "bead 1 from 0.0 mm on")
     weld = weld_without_looks(ask=lambda question: "bead 1 from 0.0 mm" not in question)
@@ -472,3 +506,33 @@ def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:
         weld.end_replay()
     weld.replay(arc(0.0, 0.04))
     weld.end_replay()
+
+
+def test_current_leads_a_torch_that_is_too_high_down_and_says_where_it_may_not() -> None:
+    """A torch that gets 2 mm too high: the current falls unless its height follows that."""
+    drops, names = [], []
+    for height in (None, ArcHeightSettings(most=3e-3), ArcHeightSettings(most=1e-3)):
+        clock, journal = SimulatedClock(), FailingJournal(lambda message: False)
+        over = [0.0]
+
+        def raise_torch(s: float, raised: float, over: list[float] = over) -> None:
+            over[0] = raised + 2e-3 * s / 0.06
+
+        settings = PowerSimulationSettings(current_noise=0.0)
+        now, higher = partial(getattr, clock, "now"), partial(over.__getitem__, 0)
+        with SimulatedPowerSource(settings, now, higher) as source:
+            wps = read_wps(ROOT / "examples" / "wps.toml")
+            welder = ArcWelder(
+                source, ArcLimits(), wps, clock, journal, lambda: False, True, height, raise_torch
+            )
+            assert welder.weld(bead_along(np.array((0.0, 0.06))), 0.0, 0.06)[1] is None
+        rows = [one for one in journal.kept if isinstance(one, ArcStretchMessage)]
+        currents = [one.current.value or 0.0 for one in rows]
+        drops.append(currents[0] - currents[-1])
+        names.append(
+            [one.name for one in journal.kept if isinstance(one, RunEvent)].count("height")
+        )
+    assert drops[0] > 8
+    assert drops[1] < 0.3 * drops[0]
+    assert 0.3 * drops[0] < drops[2] < drops[0]
+    assert names == [0, 0, 1]

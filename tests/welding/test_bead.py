@@ -104,3 +104,26 @@ def test_ignition_adds_and_crater_lacks() -> None:
     assert share[0] == pytest.approx(1.25)
     assert share[100] == pytest.approx(1.0, abs=1e-3)
     assert share[-1] == pytest.approx(0.65)
+
+
+def test_toes_of_a_pool_move_together_and_equal_sections_stay_as_they_are() -> None:
+    """Gravity pulls across: from a certain place of the wire on a pool runs up the other side."""
+    s: Array = 2e-3 * np.arange(41.0)
+    one, u = np.ones(len(s)), np.arange(-12e-3, 22e-3, 0.25e-3)
+    rows = np.tile(u, (len(s), 1))
+    w = np.maximum(np.maximum(-3.1 * (rows + 3e-3), 0.0), 1.58 * (rows - 8e-3))
+
+    def lay_along(centre: Array, along: Array | None) -> LaidBeads:
+        width, area, tilt = 13e-3 * one, 40e-6 * one, np.radians(-58.0) * one
+        return lay_beads(
+            BeadModel(), rows, w, centre=centre, width=width, area=area, tilt=tilt, s=along
+        )
+
+    level = 1.1e-3 * one
+    np.testing.assert_allclose(lay_along(level, s).w, lay_along(level, None).w, atol=1e-12)
+    aside = level + 0.2e-3 * np.isin(np.arange(len(s)), (20, 21))
+    apart, together = lay_along(aside, None), lay_along(aside, s)
+    assert np.abs(np.diff(apart.right)).max() > 3e-3
+    assert np.abs(np.diff(together.right)).max() < 1.5e-3
+    area = np.sum(column_widths(rows) * (together.w - w), axis=1)
+    np.testing.assert_allclose(area, 40e-6, rtol=1e-9)

@@ -10,12 +10,12 @@ from weld_grooves import example_wps, torch_trace, v_groove, v_groove_planner, w
 
 from tjscan.core.errors import LookRefused
 from tjscan.core.frames import Array
-from tjscan.welding.learning import ScalarFilter
+from tjscan.welding.learning import ScalarFilter, WeldLearner
 from tjscan.welding.replan import WeldPlanner
 from tjscan.welding.target import WeldTarget, remaining_area
 from tjscan.welding.world import WeldFaults, WeldWorld
 
-FAULTS = WeldFaults(gain=0.96, offset=0.5e-3, wander_sigma=0.3e-3, shrinkage=1.25)
+FAULTS = WeldFaults(gain=-0.04, offset=0.5e-3, wander=0.3e-3, shrinkage=0.25)
 SURE = np.full(41, 0.05e-3)
 EVERYWHERE = np.ones(41, dtype=bool)
 
@@ -119,3 +119,39 @@ def test_filter_is_the_weighted_mean() -> None:
     found = ScalarFilter(1.0, 0.3).update(2.0, 0.3)
     assert found.value == pytest.approx(1.5)
     assert found.sigma == pytest.approx(0.3 / np.sqrt(2))
+
+
+def test_beads_have_the_heat_that_their_arcs_showed() -> None:
+    planner = v_groove_planner(v_groove())
+    bead = planner.next_bead()
+    planner.after_bead(bead, heat_input=1.2 * bead.heat_input)
+    assert planner.power_ratio == pytest.approx(1.2)
+    following = planner.next_bead()
+    usual = example_wps().heat_input(following.feed, following.speed)
+    np.testing.assert_allclose(following.heat_input, 1.2 * usual)
+    planner.after_bead(following, heat_input=following.heat_input)
+    assert planner.power_ratio == pytest.approx(1.2)
+    cold = v_groove_planner(v_groove())
+    cold.after_bead(bead)
+    wide, narrow = (
+        np.ptp(np.flatnonzero((one.belief.w - one.belief.base)[20] > 1e-5))
+        for one in (planner, cold)
+    )
+    assert wide > narrow
+
+
+def test_offset_is_learnt_from_the_stations_that_show_it() -> None:
+    rng = np.random.default_rng(5)
+    sensitivity = rng.uniform(0.3, 1.0, 40)
+    beside = 0.4e-3 * sensitivity + 0.05e-3 * rng.standard_normal(40)
+    runs_aside = np.arange(40) % 8 == 0
+    sensitivity[runs_aside], beside[runs_aside] = 6.0, -4e-3
+    learner = WeldLearner()
+    seen = learner.learn_offset(beside, sensitivity)
+    assert seen is not None
+    assert seen.value == pytest.approx(0.4e-3, abs=0.05e-3)
+    assert seen.sigma > 0.25e-3
+    assert 0.2e-3 < learner.offset.value < 0.4e-3
+    hidden = WeldLearner()
+    assert hidden.learn_offset(beside[:3], sensitivity[:3]) is None
+    assert hidden.offset.value == 0.0

@@ -2,38 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
-
-from tjscan.cli.options.shared import JobKeys, LiveOptions, parse_overrides
+from tjscan.cli.options.shared import CalibrationMode, JobKeys, LiveOptions, parse_overrides
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from tjscan.job.files import CalibrationJob, RecordedJob
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationMode:
-    """What is calibrated, and whether anything moves or is asked.
-
-    Parameters
-    ----------
-    arm
-        Calibrate the arm's kinematics with the sensor, on the ball that the job states. A scan that
-        takes the file corrects the arm's poses with them.
-    dry_run
-        Check the job and plan its lines on the board that it states; connect, but move nothing.
-    unattended
-        Ask nothing; for a simulated cell.
-    """
-
-    arm: bool = False
-    dry_run: bool = False
-    unattended: bool = False
 
 
 def calibrate(

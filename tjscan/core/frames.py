@@ -45,6 +45,13 @@ def readonly_copy(values: ArrayLike) -> Array:
     return array
 
 
+def stretches_of_true_values(values: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First index of each stretch of true values, and the index after its last."""
+    padded = np.concatenate(([False], values, [False]))
+    starts, stops = (padded[1:] != padded[:-1]).nonzero()[0].reshape(-1, 2).T
+    return starts, stops
+
+
 def frozen_arrays(cls: type[T]) -> type[T]:
     """Let a frozen dataclass hold its arrays as read-only copies.
 

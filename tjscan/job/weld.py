@@ -11,15 +11,11 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Ge, Le, MaxLen, MinLen
 
 from tjscan.core.devices import DriverKind, DriverRegistry
-from tjscan.core.units import (
-    LIST_OR_WORD_IN_FILE,
-    MM,
-    PERCENT_UNIT,
-    SettingsTable,
-)
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, SettingsTable
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.files import ScanJob, read_located_job
 from tjscan.power.drivers import POWER_DRIVERS
+from tjscan.power.height import ArcHeightSettings
 from tjscan.power.sequence import ArcLimits
 from tjscan.welding.bead import BeadModel
 from tjscan.welding.world import WeldFaults
@@ -33,42 +29,19 @@ class PowerSettings(DeviceSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WeldSimulationSettings(SettingsTable):
+class WeldSimulationSettings(WeldFaults):
     """The table [weld.simulation]: what goes otherwise than set in a simulated weld.
 
     Parameters
     ----------
     seed : int
         Of all that wanders.
-    gain : float
-        Share by which more metal is laid down than wire and speed give.
-    slip : float
-        Standard deviation of the wire's slip along a bead, as a share.
-    offset : float
-        Of the wire's tip from where the torch's pose has it, towards the leg, metres.
-    wander : float
-        Standard deviation of the arc's place about the wire, metres.
-    shrinkage : float
-        Share by which the groove shrinks more than the model has it.
+    height : float
+        By which the torch is too high at the end of the groove; at its start it is not. Metres.
     """
 
     seed: Annotated[int, Ge(0)] = 1
-    gain: Annotated[float, Ge(-50), Le(50), PERCENT_UNIT] = 0.0
-    slip: Annotated[float, Ge(0), Le(20), PERCENT_UNIT] = 0.0
-    offset: Annotated[float, Ge(-5), Le(5), MM] = 0.0
-    wander: Annotated[float, Ge(0), Le(5), MM] = 0.0
-    shrinkage: Annotated[float, Ge(-100), Le(100), PERCENT_UNIT] = 0.0
-
-    @property
-    def faults(self) -> WeldFaults:
-        """The same as the simulated world takes it."""
-        return WeldFaults(
-            gain=1 + self.gain,
-            slip_sigma=self.slip,
-            offset=self.offset,
-            wander_sigma=self.wander,
-            shrinkage=1 + self.shrinkage,
-        )
+    height: Annotated[float, Ge(-5), Le(5), MM] = 0.0
 
 
 Direction = Annotated[tuple[float, float, float], LIST_OR_WORD_IN_FILE]
@@ -96,6 +69,8 @@ class WeldSettings(SettingsTable):
     holds : tuple of int
         Beads before which a person must let the weld go on.
     arc : ArcLimits
+    height : ArcHeightSettings, optional
+        How the torch's height follows the current; without, it stays as planned.
     bead : BeadModel
         By which beads are planned; a simulated weld has its own, with the defaults.
     simulation : WeldSimulationSettings
@@ -109,6 +84,7 @@ class WeldSettings(SettingsTable):
     overlap: Annotated[float, Ge(2), Le(100), MM] = 10e-3
     holds: Annotated[tuple[int, ...], MaxLen(200), LIST_OR_WORD_IN_FILE] = ()
     arc: ArcLimits = field(default_factory=ArcLimits)
+    height: ArcHeightSettings | None = None
     bead: BeadModel = field(default_factory=BeadModel)
     simulation: WeldSimulationSettings = field(default_factory=WeldSimulationSettings)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.random import Generator
@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.laser.deviation import Distortion
 from tjscan.laser.model import LaserModel
-
-if TYPE_CHECKING:
-    from tjscan.laser.optics import LaserRayHits
 
 
 class PointOrigin(IntEnum):
@@ -46,6 +43,37 @@ class SimulatedProfile:
     z_s: Array
     intensity: Array
     kind: NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserRayHits:
+    """What the rays of a laser hit, before any fault: one entry per column.
+
+    Parameters
+    ----------
+    directions_s : ndarray, shape (n, 3)
+        Unit rays from the emitter, in frame s.
+    distance : ndarray, shape (n,)
+        From the emitter to the first face, in metres; infinite if there is none.
+    normals_s : ndarray, shape (n, 3)
+        Normal of that face, on the sensor's side, in frame s; zero if there is none.
+    seen : ndarray of bool, shape (n,)
+        Whether the point is inside the range and free in view of the detector.
+    ghost : ndarray, shape (n,)
+        Distance at which the face shows the mirror image of another one; NaN if it shows
+        none, or none inside the range.
+    """
+
+    directions_s: Array
+    distance: Array
+    normals_s: Array
+    seen: Mask
+    ghost: Array
+
+    @property
+    def incidence_cosine(self) -> Array:
+        """Cosine of the angle of incidence, shape (n,); zero if there is no face."""
+        return np.asarray(-np.einsum("ij,ij->i", self.directions_s, self.normals_s))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

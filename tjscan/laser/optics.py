@@ -15,7 +15,7 @@ from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array, Mask, readonly_copy, transform_points
 from tjscan.laser.deviation import Distortion
-from tjscan.laser.faults import FaultRandomStreams, SimulatedProfile, apply_faults
+from tjscan.laser.faults import FaultRandomStreams, LaserRayHits, SimulatedProfile, apply_faults
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 
@@ -134,37 +134,6 @@ class RaycastSurface:
         taken = self._scene.test_occlusions(rays, tnear=0.0, tfar=1.0, nthreads=1)
         behind = np.einsum("ij,ij->i", way, normals) <= 0
         return np.asarray(taken.numpy() | behind)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LaserRayHits:
-    """What the rays of a laser hit, before any fault: one entry per column.
-
-    Parameters
-    ----------
-    directions_s : ndarray, shape (n, 3)
-        Unit rays from the emitter, in frame s.
-    distance : ndarray, shape (n,)
-        From the emitter to the first face, in metres; infinite if there is none.
-    normals_s : ndarray, shape (n, 3)
-        Normal of that face, on the sensor's side, in frame s; zero if there is none.
-    seen : ndarray of bool, shape (n,)
-        Whether the point is inside the range and free in view of the detector.
-    ghost : ndarray, shape (n,)
-        Distance at which the face shows the mirror image of another one; NaN if it shows
-        none, or none inside the range.
-    """
-
-    directions_s: Array
-    distance: Array
-    normals_s: Array
-    seen: Mask
-    ghost: Array
-
-    @property
-    def incidence_cosine(self) -> Array:
-        """Cosine of the angle of incidence, shape (n,); zero if there is no face."""
-        return np.asarray(-np.einsum("ij,ij->i", self.directions_s, self.normals_s))
 
 
 def laser_ray_directions(model: LaserModel) -> Array:

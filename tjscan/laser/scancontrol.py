@@ -8,18 +8,15 @@ Supplement B" to the scanCONTROL 2600, revision 1.57 (2014). Numbers are big-end
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from struct import unpack
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import Final, get_args
 
 import numpy as np
 
 from tjscan.core.errors import ProfileFormatRefused
 from tjscan.core.frames import Array
+from tjscan.laser.genicam.settings import FieldName, ScanControlSettings
 from tjscan.laser.profile import Profile
-
-if TYPE_CHECKING:
-    from tjscan.laser.genicam.settings import ScanControlSettings
 
 REFLECTION_COUNT: Final = 4
 BYTES_OF_REFLECTION: Final = 16
@@ -32,35 +29,11 @@ RAW_COORDINATE_OF_ZERO: Final = 32_768
 
 MAX_RAW_VALUE: Final = 65_535
 
-Field = Literal["z", "x", "threshold", "intensity", "width", "moment0", "moment1"]
-
-CONTAINER_FIELD_WORDS: Final = dict.fromkeys(get_args(Field), 1) | {"moment0": 2, "moment1": 2}
-"""Fields of a container in their order, and how many numbers of 16 bits each takes for a point."""
-
-
-@dataclass(frozen=True, slots=True)
-class ScanControlScale:
-    """What one count is worth, and z of the middle of the counts.
-
-    Parameters
-    ----------
-    scale : float
-        Metres for each count, of x and z.
-    offset : float
-        z of the raw number 32768, in metres.
-    """
-
-    scale: float
-    offset: float
-
-
-SCANCONTROL_SCALES: Final = {
-    "2600-10": ScanControlScale(0.5e-6, 0.055),
-    "2600-25": ScanControlScale(1e-6, 0.065),
-    "2600-50": ScanControlScale(2e-6, 0.095),
-    "2600-100": ScanControlScale(5e-6, 0.250),
+CONTAINER_FIELD_WORDS: Final = dict.fromkeys(get_args(FieldName), 1) | {
+    "moment0": 2,
+    "moment1": 2,
 }
-"""Of the models that the specification lists."""
+"""Fields of a container in their order, and how many numbers of 16 bits each takes for a point."""
 
 
 def _check_time_stamp(raw: bytes) -> None:
@@ -86,9 +59,7 @@ def scancontrol_profile_size(settings: ScanControlSettings) -> int:
     return 2 * settings.points * (words + settings.time_stamp)
 
 
-def parse_scancontrol(
-    raw: bytes, settings: ScanControlSettings, scale: ScanControlScale
-) -> Profile:
+def parse_scancontrol(raw: bytes, settings: ScanControlSettings) -> Profile:
     """Parse a payload; of a container with many rows the first.
 
     Parameters
@@ -96,9 +67,7 @@ def parse_scancontrol(
     raw : bytes
         The payload.
     settings : ScanControlSettings
-        How it is laid out.
-    scale : ScanControlScale
-        Of the model.
+        How it is laid out, and what a count is worth.
 
     Returns
     -------
@@ -124,6 +93,7 @@ def parse_scancontrol(
     missing = raw_z == 0  # also if the axis is turned round
     if settings.layout == "full" and settings.reflection == REFLECTION_COUNT:
         missing[-1] = True  # the time stamp is there
+    scale = settings.count_scale
     x, z = (
         scale.scale * ((MAX_RAW_VALUE - values if flip else values) - RAW_COORDINATE_OF_ZERO)
         for values, flip in ((raw_x, settings.flip_x), (raw_z, settings.flip_z))

@@ -10,7 +10,7 @@ from typing import Final, Literal
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, Mask, cross
+from tjscan.core.frames import Array, Mask, cross, stretches_of_true_values
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.root import OPEN_ROOT, ROOT_NOT_SEEN, WELD_IN_GROOVE
 from tjscan.groove.section import TACK_WELD
@@ -78,11 +78,10 @@ class RootAlongGroove:
 
     def tack_spans(self, tack_length: float) -> tuple[Span, ...]:
         """From where to where tacks may reach, metres: half their length beyond where they show."""
-        flagged = np.concatenate(((False,), self.tacked, (False,)))
-        changes = np.flatnonzero(flagged[1:] != flagged[:-1])
+        reach = 0.5 * tack_length
         return tuple(
-            (float(self.s[a] - 0.5 * tack_length), float(self.s[b - 1] + 0.5 * tack_length))
-            for a, b in zip(changes[::2], changes[1::2], strict=True)
+            (float(self.s[a] - reach), float(self.s[b - 1] + reach))
+            for a, b in zip(*stretches_of_true_values(self.tacked), strict=True)
         )
 
 

@@ -10,7 +10,7 @@ from math import ceil
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, Mask
+from tjscan.core.frames import Array, Mask, stretches_of_true_values
 from tjscan.core.units import M_PER_MIN, MM2, FileUnit
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
 from tjscan.planning.lay import ArrangedGroove, PlannedBead
@@ -411,5 +411,5 @@ def bead_parts_outside_spans(bead: PlannedBead, spans: Sequence[Span]) -> tuple[
     laid = np.ones(len(middles), dtype=bool)
     for a, b in spans:
         laid &= (middles < a) | (middles > b)
-    changes = np.flatnonzero(np.diff(np.concatenate(((False,), laid, (False,))).astype(int)))
-    return bead.cut([(int(a), int(b)) for a, b in zip(changes[::2], changes[1::2], strict=True)])
+    starts, stops = stretches_of_true_values(laid)
+    return bead.cut(list(zip(starts.tolist(), stops.tolist(), strict=True)))

@@ -3,8 +3,9 @@
 `docs/ur.md` lists the functions that it uses. No arm has run such a file. A real controller lets no
 two blends overlap (its manual), keeps to the speed through a blend with ``movep`` alone, and stops
 with an error if the tool turns back in one: blends here are a fifth of the shorter step beside
-them, and chords meet at 2 degrees at most, but at the ends of a weave's swings. No output sets the
-wire feed: where it varies along a bead, the speed follows what the plan has, not what is fed.
+them, and there are none where chords meet at more than 10 degrees, as at the ends of a weave's
+swings. No output sets the wire feed: with an arc, a bead whose feed varies has no program, and
+between two beads of other feeds the program waits for an operator.
 """
 
 from __future__ import annotations
@@ -17,13 +18,21 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.bead_segments import weave_corners, weave_swing
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_to_vector
+from tjscan.core.units import M_PER_MIN
 from tjscan.planning.lay import PlannedBead
 from tjscan.planning.wps import WeaveSettings, WeldingProcedure
 
 BLEND_RADIUS_SHARE: Final = 0.2
 """Radius of a blend as a share of the shorter step beside it: blends never touch."""
+
+SHARPEST_BLENDED_TURN: Final = np.radians(10.0)
+"""Where two steps meet at more, there is no blend."""
+
+FEED_TOLERANCE: Final = 0.02
+"""Share by which a wire feed may vary along a bead and count as one."""
 
 TOOL_ACCELERATION: Final = 0.5
 """m/s²; of the first move rad/s²."""
@@ -118,6 +127,25 @@ class StationPath:
             waits += [f"layer {below} is released"] * (below in wps.sequence.hold_after_layers)
         return " and ".join(waits)
 
+    def check_feeds(self) -> None:
+        """Refuse a bead along which the wire feed varies: its speed would follow a feed not set.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming the bead.
+        """
+        for one in self.beads:
+            low, high = (float(x) / M_PER_MIN.factor for x in np.sort(one.bead.feed)[[0, -1]])
+            if high > (1 + FEED_TOLERANCE) * low:
+                raise ConfigurationError(
+                    f"the wire feed goes from {low:.2f} to {high:.2f} m/min along bead "
+                    f"{one.bead.number}, and no output of the arm sets it: with crater_feed = 1, "
+                    "and without [[position]] or in one position, a program can switch the arc; "
+                    "without --arc it is written as it is",
+                    key="start_stop.crater_feed",
+                )
+
 
 def path_to_urscript(path: StationPath, wps: WeldingProcedure, output: int, *, arc: bool) -> str:
     """Write the path of a station's torch as a URScript program.
@@ -132,12 +160,21 @@ def path_to_urscript(path: StationPath, wps: WeldingProcedure, output: int, *, a
         Number of the standard digital output that switches the arc.
     arc : bool
         Whether it is switched on on the beads; else it stays off throughout.
+
+    Raises
+    ------
+    ConfigurationError
+        With the arc, if the wire feed varies along a bead.
     """
+    if arc:
+        path.check_feeds()
+    feeds = [f"{one.bead.feed[0] / M_PER_MIN.factor:.2f} m/min" for one in path.beads]
     joints = ", ".join(f"{x:.7f}" for x in path.q)
     lines = [
         "def tjscan_plan():",
         "  # in the arm's base frame: metres, rotation vectors in radians",
-        f"  # wire feed is not set here; the arc is {'switched' if arc else 'never switched on'}",
+        f"  # wire feed is not set here, and begins with {feeds[0]}; the arc is "
+        f"{'switched' if arc else 'never switched on'}",
         f"  set_standard_digital_out({output}, False)",
         f"  set_tcp({_pose_text(wps.torch.tcp.T)})",
         "  # the way from where the arm is to here is not checked",
@@ -147,7 +184,10 @@ def path_to_urscript(path: StationPath, wps: WeldingProcedure, output: int, *, a
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
         if arc and i and wps.sequence.interpass_wait:
             lines.append(f"  sleep({wps.sequence.interpass_wait:g})")
-        if hold := path.hold_text(i, wps):
+        waits = [path.hold_text(i, wps)]
+        if arc and i and feeds[i] != feeds[i - 1]:
+            waits.append(f"the wire feed is set to {feeds[i]}")
+        if hold := " and ".join(filter(None, waits)):
             lines.append(f'  popup("go on when {hold}", title="hold", blocking=True)')
         lines += _movel_lines(one.approach)
         lines += _bead_move_lines(one, wps, output, arc=arc)
@@ -161,9 +201,12 @@ def _bead_move_lines(
     if arc:
         yield f"  set_standard_digital_out({output}, True)"
     poses, times = one.woven(wps.weave)
-    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    chords = np.diff(poses[:, :3, 3], axis=0)
+    steps = np.linalg.norm(chords, axis=1)
     speeds = steps / np.diff(times)  # a step has one speed
-    blends = np.append(BLEND_RADIUS_SHARE * np.minimum(steps[1:], steps[:-1]), 0.0)
+    turns = np.einsum("ij,ij->i", chords[1:], chords[:-1]) / (steps[1:] * steps[:-1])
+    blended = np.append(turns > np.cos(SHARPEST_BLENDED_TURN), False)
+    blends = BLEND_RADIUS_SHARE * blended * np.minimum(steps, np.append(steps[1:], np.inf))
     for T, speed, blend in zip(poses[1:], speeds, blends, strict=True):
         yield f"  movep({_pose_text(T)}, a={TOOL_ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
     if arc and wps.crater_time:

@@ -23,15 +23,15 @@ class PowerDriverInputs:
         Asks a person to do something at the torch, and returns whether it is done.
     clock : callable, optional
         Gives the seconds of a simulated world.
-    stick_out : callable or None, optional
-        Gives the true stick-out in a simulated world, metres.
+    raised : callable, optional
+        Gives by how much the torch is too high in a simulated world, metres.
     seed : int, optional
         Of a simulation's random numbers.
     """
 
     ask: Callable[[str], bool]
     clock: Callable[[], float] = monotonic
-    stick_out: Callable[[], float] | None = None
+    raised: Callable[[], float] = float
     seed: int = 0
 
 
@@ -39,7 +39,7 @@ PowerDriverFactory = DriverFactory[PowerDriverInputs, PowerSource]
 
 
 def _make_simulated(inputs: PowerDriverInputs, settings: PowerSimulationSettings) -> PowerSource:
-    return SimulatedPowerSource(settings, inputs.clock, inputs.stick_out, inputs.seed)
+    return SimulatedPowerSource(settings, inputs.clock, inputs.raised, inputs.seed)
 
 
 def _make_modbus(inputs: PowerDriverInputs, settings: ModbusPowerSettings) -> PowerSource:

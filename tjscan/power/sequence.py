@@ -173,27 +173,20 @@ class ArcSequence:
         if self.phase is not ArcPhase.IDLE:
             raise ValueError(f"this arc has begun: it is in phase {self.phase}")
         sample = self._read_source()
-        if abs(speed) > self._limits.standing_speed:
-            self._fail(ArcFault.NOT_AT_REST, f"the torch moves with {1e3 * speed:.1f} mm/s")
+        self._refuse_motion(speed)
         if sample.flow:
             self._fail(ArcFault.UNASKED, "current flows before the arc was struck")
         if not sample.ready:
             self._fail(ArcFault.NOT_READY, sample.error or "the source is not ready")
         self._setting = setting
-        try:
-            self._source.prepare(setting)
-        except PowerFault as error:
-            self._fail(_fault_of(error), str(error))
+        self._order(self._source.prepare, setting)
         self._enter(ArcPhase.GAS, f"wire feed set to {60 * setting.feed:.2f} m/min")
 
     def set(self, setting: PowerSetting) -> None:
         """Set the source again while the arc burns, for the segment that the torch has reached."""
         if setting != self._setting:
             self._setting = setting
-            try:
-                self._source.set(setting)
-            except PowerFault as error:
-                self._fail(_fault_of(error), str(error))
+            self._order(self._source.set, setting)
 
     def stop(self, reason: str) -> None:
         """Put the arc out at once; raises WeldStopped."""
@@ -256,13 +249,20 @@ class ArcSequence:
             self._source.end_gas()
             self._enter(ArcPhase.DONE, "the wire is free")
 
-    def _strike(self, speed: float) -> None:
-        if abs(speed) > self._limits.standing_speed:
-            self._fail(ArcFault.NOT_AT_REST, f"the torch moves with {1e3 * speed:.1f} mm/s")
+    def _order(self, order: Callable[..., None], *setting: PowerSetting) -> None:
+        """Order something of the source; what it refuses puts the arc out."""
         try:
-            self._source.strike()
+            order(*setting)
         except PowerFault as error:
             self._fail(_fault_of(error), str(error))
+
+    def _refuse_motion(self, speed: float) -> None:
+        if abs(speed) > self._limits.standing_speed:
+            self._fail(ArcFault.NOT_AT_REST, f"the torch moves with {1e3 * speed:.1f} mm/s")
+
+    def _strike(self, speed: float) -> None:
+        self._refuse_motion(speed)
+        self._order(self._source.strike)
         self._enter(ArcPhase.IGNITION, "the arc is struck")
 
     def _burn(self, sample: PowerSample, speed: float, asked: float, at_end: bool) -> None:

@@ -79,8 +79,9 @@ class SimulatedPowerSource(LocalPowerSource):
     settings : PowerSimulationSettings
     clock : callable
         Gives the seconds of the simulated world.
-    stick_out : callable, optional
-        Gives the true stick-out at this moment, metres; that of the settings if left out.
+    raised : callable, optional
+        Gives by how much the torch truly is higher at this moment than the settings' stick-out has
+        it, metres; not at all if left out.
     seed : int, optional
         Of the noise.
     """
@@ -89,21 +90,16 @@ class SimulatedPowerSource(LocalPowerSource):
         self,
         settings: PowerSimulationSettings,
         clock: Callable[[], float],
-        stick_out: Callable[[], float] | None = None,
+        raised: Callable[[], float] = float,
         seed: int = 0,
     ) -> None:
         super().__init__()
         self._settings, self._clock = settings, clock
-        self._stick_out = stick_out or (lambda: settings.stick_out)
+        self._raised = raised
         self._rng = np.random.default_rng(seed)
         self._faults: set[PowerFaultOrder] = set()
         self._flow_from, self._energy, self._last = inf, 0.0, clock()
         self._wire_stuck = False
-
-    @property
-    def true_feed(self) -> float:
-        """What of wire is melted at this moment, m/s: nothing without current."""
-        return self._fed if self._flows else 0.0
 
     def order_fault(self, fault: PowerFaultOrder) -> None:
         """Let something fail from now on, or set all right again."""
@@ -141,7 +137,8 @@ class SimulatedPowerSource(LocalPowerSource):
         period, self._last = now - self._last, now
         current = voltage = 0.0
         if flows:
-            current = self._settings.law.current(self._fed, self._stick_out())
+            stick_out = self._settings.stick_out + self._raised()
+            current = self._settings.law.current(self._fed, stick_out)
             current = max(0.0, current + self._settings.current_noise * self._rng.normal())
             voltage = self._settings.law.voltage(current) + self._setting.correction
             self._energy += current * voltage * period

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+import matplotlib
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
@@ -13,6 +15,9 @@ from tjscan.core.provenance import Provenance
 from tjscan.report import picture
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
+
+MOST_COLOURS: Final = 10
+"""Lines of one chart that have colours of their own; of more, the colours follow their order."""
 
 NARROW_CHART_SIZE: Final = (4.6, 3.2)
 """Inches of a chart that has others beside it."""
@@ -30,11 +35,13 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
         The run directory.
     """
     frame = "w" if chapter.sheet is None else chapter.sheet.frame
+    name = directory.resolve().name
+    said = name.lower().startswith(title.lower())  # a run is mostly called by what it is
     head = Provenance.for_file_written_now(job_label_of_run(directory), frame)
     return picture.load_template("chapter.html.jinja").render(
-        title=title if chapter.sheet is None else chapter.sheet.title,
+        title=chapter.sheet.title if chapter.sheet else "Run" if said else title,
         sheet=chapter.sheet,
-        name=directory.resolve().name,
+        name=name,
         findings=chapter.findings,
         facts=[(key, value) for key, value in chapter.facts if value.strip(" ,")],
         moving=chapter.animation,
@@ -85,6 +92,9 @@ def _charts_by_title(charts: tuple[ReportChart, ...]) -> dict[str, list[ReportCh
 
 def _draw_charts_of_one_title(axes: Any, lines: list[ReportChart]) -> None:
     """Draw the charts of one title, what was asked for as a dashed line."""
+    if len(lines) > MOST_COLOURS:
+        shades = matplotlib.colormaps["turbo"](np.linspace(0.05, 0.95, len(lines)))
+        axes.set_prop_cycle(color=shades)
     for chart in lines:
         label = chart.line or None
         match chart.mark:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from math import isfinite
-from statistics import fmean
 from typing import Final, Protocol, Self
+
+import numpy as np
 
 from tjscan.core.devices import Device, LocalDevice
 from tjscan.core.errors import VehicleFault, VehicleLinkLost, VehicleStopped
@@ -84,21 +85,36 @@ class VehicleState:
     push: tuple[float, ...] = ()
 
 
-def merge_unread_states(states: Sequence[VehicleState]) -> VehicleState:
+def merge_unread_states(states: Sequence[VehicleState], since: float | None = None) -> VehicleState:
     """The last of some states that came since one was read.
 
-    Odometry, the gyro's turn rate and the wheels' push are means, so that way and turn over the
-    time since then come out right. It has the last other sample that any of them brought.
+    Odometry, the gyro's turn rate and the wheels' push are means over time, so that way and turn
+    since then come out right. It has the last other sample that any of them brought.
+
+    Parameters
+    ----------
+    states : sequence of VehicleState
+        Each with what it did since the one before.
+    since : float, optional
+        Time of the state that was read before; without, the first lasts as long as the others.
     """
-    motions = [(s.odometry.speed, s.odometry.turn_rate, s.odometry.sideways) for s in states]
-    gyro = [rate for s in states for rate in s.gyro]
+    if len(states) == 1:
+        return states[0]
+    times = [state.time for state in states]
+    periods = np.maximum(np.diff(times, prepend=since or 2 * times[0] - times[1]), 1e-6)
+
+    def mean(values: list[tuple[float, ...]]) -> tuple[float, ...]:
+        weights = periods[[bool(value) for value in values]]
+        known = [value for value in values if value]
+        return tuple(np.average(known, axis=0, weights=weights).tolist()) if known else ()
+
     return replace(
         states[-1],
-        odometry=Twist(*(fmean(values) for values in zip(*motions, strict=True))),
+        odometry=Twist(*mean([astuple(state.odometry) for state in states])),
         proximity=next((s.proximity for s in reversed(states) if s.proximity), ()),
-        gyro=(fmean(gyro),) if gyro else (),
+        gyro=mean([state.gyro for state in states]),
         down=next((s.down for s in reversed(states) if s.down), ()),
-        push=tuple(fmean(axis) for axis in zip(*(s.push for s in states if s.push), strict=True)),
+        push=mean([state.push for state in states]),
     )
 
 

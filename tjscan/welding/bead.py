@@ -13,6 +13,7 @@ from typing import Annotated, Final
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
+from scipy.ndimage import gaussian_filter1d
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, Mask, array_dataclass
@@ -33,6 +34,10 @@ NARROWEST_BEAD: Final = 2e-3
 
 LEAST_STIFFNESS: Final = 1e-4
 """Least gravity over surface tension, by the square of the width: below, the series is exact."""
+
+POOL_LENGTH: Final = 4e-3
+"""Standard deviation of the length along the groove over which the toes of a pool move together,
+metres (assumption): a pool is one body, and does not run aside at one section alone."""
 
 STEEPEST_OVERHANG: Final = 0.9
 """Share of π by which a pool that hangs may be wide in capillary lengths: at π it falls."""
@@ -174,7 +179,15 @@ class _Meniscus:
 
 
 def lay_beads(
-    model: BeadModel, u: Array, w: Array, *, centre: Array, width: Array, area: Array, tilt: Array
+    model: BeadModel,
+    u: Array,
+    w: Array,
+    *,
+    centre: Array,
+    width: Array,
+    area: Array,
+    tilt: Array,
+    s: Array | None = None,
 ) -> LaidBeads:
     """Lay a bead on each of n sections.
 
@@ -190,6 +203,8 @@ def lay_beads(
         u where the wire meets the surface, width along the surface, m, and area, m².
     tilt : ndarray, shape (n,)
         Of gravity in the section, from -w towards -u, radians: 0 is level, π/2 across.
+    s : ndarray, shape (n,), optional
+        Lengths along the groove, growing, metres: the toes of neighbours then move together.
 
     Raises
     ------
@@ -200,6 +215,7 @@ def lay_beads(
     widths = column_widths(u)
     (middle,) = interpolate_rows(centre, u, lengths)
     toes = np.stack((middle - 0.5 * width, middle + 0.5 * width))
+    pool = 0.0 if s is None or len(s) < 2 else POOL_LENGTH / float(np.median(np.diff(s)))
     cosine, sine = np.cos(tilt), np.sin(tilt)
     for step in range(CONTACT_STEPS + 1):
         toes = np.clip(toes, lengths[:, 0] + 2 * SOLID_REACH, lengths[:, -1] - 2 * SOLID_REACH)
@@ -207,16 +223,16 @@ def lay_beads(
         (u_left, w_left), (u_right, w_right) = ends
         half = 0.5 * (u_right - u_left)
         chord = (w_right - w_left) / (2 * half)
-        pool = _pool_between_toes(model, half, chord, cosine, sine)
+        meniscus = _pool_between_toes(model, half, chord, cosine, sine)
         x = u - 0.5 * (u_left + u_right)[:, None]
         inside = np.abs(x) < half[:, None]
         x = np.where(inside, x, 0.0)
-        odd, even = pool.shapes(x)
+        odd, even = meniscus.shapes(x)
         base = 0.5 * (w_left + w_right)[:, None] + chord[:, None] * x + odd
         weights = np.where(inside, widths, 0.0)
         fills = np.einsum("ij,ij->i", weights, base - w)
         pressure = (area - fills) / np.maximum(np.einsum("ij,ij->i", weights, even), 1e-18)
-        odd_slope, even_slope = (slope[:, 0] for slope in pool.end_slopes())
+        odd_slope, even_slope = (slope[:, 0] for slope in meniscus.end_slopes())
         rise = np.arctan(
             chord + odd_slope + np.stack((-pressure * even_slope, pressure * even_slope))
         )
@@ -226,6 +242,8 @@ def lay_beads(
             break
         excess = contact - np.clip(contact, model.least_contact, model.largest_contact)
         way = CONTACT_STEP_GAIN * width * excess
+        if pool:
+            way = gaussian_filter1d(way, pool, axis=1, mode="nearest")
         # A toe does not pass the other one.
         spare = np.maximum(0.5 * (toes[1] - toes[0] - NARROWEST_BEAD), 0.0)
         toes = toes + np.maximum(way, -spare) * np.array((-1.0, 1.0))[:, None]

@@ -107,17 +107,19 @@ def fit_bead_model(
             "too few beads", f"{len(beads)}, and {FEWEST_PLATE_BEADS} of different areas are needed"
         )
     begin = model or BeadModel()
+    names = ("width_factor", "least_contact", "largest_contact", "efficiency", "offset")
     plates = [_plate_below(bead, begin) for bead in beads]
     start = np.array(
         (begin.width_factor, begin.least_contact, begin.largest_contact, efficiency, 0.0)
     )
     scale = PRIOR_SIGMAS * (start[0], 1, 1, efficiency, 1)
 
+    def model_of(values: Array) -> BeadModel:
+        return replace(begin, **dict(zip(names[:3], values[:3].tolist(), strict=True)))
+
     def distances(x: Array) -> list[Array]:
         values = start + scale * x
-        now = replace(
-            begin, width_factor=values[0], least_contact=values[1], largest_contact=values[2]
-        )
+        now = model_of(values)
         found = []
         for bead, plate in zip(beads, plates, strict=True):
             width = now.bead_width(bead.heat_input, bead.weave)
@@ -151,15 +153,8 @@ def fit_bead_model(
             f"the scan leaves the fitted beads by {1e3 * rms:.2f} mm rms, more than "
             f"{1e3 * LARGEST_MISFIT:g} mm: are feed, speed and place of each bead as stated?",
         )
-    names = ("width_factor", "least_contact", "largest_contact", "efficiency", "offset")
-    fitted = replace(
-        begin,
-        width_factor=float(values[0]),
-        least_contact=float(values[1]),
-        largest_contact=float(values[2]),
-    )
     return FittedBeads(
-        fitted,
+        model_of(values),
         float(values[3]),
         float(values[4]),
         dict(zip(names, sigmas.tolist(), strict=True)),

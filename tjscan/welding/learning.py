@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, Mask
+from tjscan.core.robust import mad_sigma
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,16 @@ LEAST_CLOSING_SIGMA: Final = 0.03e-3
 
 BEAD_CENTRE_SIGMA: Final = 0.25e-3
 """By how much the bead model misplaces the centres of all of a bead, metres (assumption)."""
+
+LEAST_SENSITIVITY, LARGEST_SENSITIVITY = 0.1, 1.5
+"""Of a bead's centre to the wire's place: centres outside show nothing of it."""
+
+FEWEST_CENTRES, CENTRES_TOGETHER = 4, 3.0
+"""Centres that a bead must have to show the wire's place, and how many of them err alike."""
+
+LEAST_OFFSET_SIGMA: Final = 0.1e-3
+"""Beads of one weld are misplaced alike: however many, they don't show the offset better, metres
+(assumption)."""
 
 
 @dataclass(slots=True)
@@ -111,21 +122,35 @@ class WeldLearner:
         if found.sigma <= self.shrinkage.sigma:
             self.shrinkage = found
 
-    def learn_offset(self, beside: Array, sensitivity: Array, spread: float) -> None:
+    def learn_offset(self, beside: Array, sensitivity: Array) -> ScalarFilter | None:
         """Learn from where a bead's centre lies beside the predicted one, shape (n,), metres.
 
         Parameters
         ----------
         beside : ndarray, shape (n,)
         sensitivity : ndarray, shape (n,)
-            Of the centre to the wire's place, by the bead model: small beside a wall.
-        spread : float
-            Standard deviation of the mean of `beside`, metres.
+            Of the centre to the wire's place, by the bead model: small beside a wall, and large
+            where a pool is about to run aside, which shows nothing of the torch.
+
+        Returns
+        -------
+        ScalarFilter or None
+            Deviation of the wire from where it was to be as this bead shows it, metres; None if it
+            does not.
         """
-        weight = float(np.sum(sensitivity**2))
-        if weight > 0:
-            found = float(np.sum(sensitivity * beside)) / weight
-            strength = float(np.sqrt(weight / len(sensitivity)))
-            sigma = float(np.hypot(spread, BEAD_CENTRE_SIGMA)) / strength
-            # What was predicted had the offset of before in it.
-            self.offset = self.offset.update(self.offset.value + found, sigma)
+        usable = np.isfinite(beside + sensitivity)
+        usable &= (sensitivity > LEAST_SENSITIVITY) & (sensitivity < LARGEST_SENSITIVITY)
+        beside, weights = beside[usable], sensitivity[usable]
+        if len(beside) < FEWEST_CENTRES:
+            return None
+        ratio = beside / weights
+        order = ratio.argsort()
+        share = np.cumsum(weights[order]) / weights.sum()
+        found = float(ratio[order][share.searchsorted(0.5)])  # least sum of distances
+        strength = float(np.sqrt(np.mean(weights**2)))
+        spread = mad_sigma(beside - found * weights) / np.sqrt(len(beside) / CENTRES_TOGETHER)
+        sigma = float(np.hypot(spread, BEAD_CENTRE_SIGMA)) / strength
+        # What was predicted had the offset of before in it.
+        now = self.offset.update(self.offset.value + found, sigma)
+        self.offset = ScalarFilter(now.value, max(now.sigma, LEAST_OFFSET_SIGMA))
+        return ScalarFilter(found, sigma)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tjscan.core.errors import LookRefused
-from tjscan.core.frames import Array, Mask, array_dataclass
+from tjscan.core.frames import Array, Mask
 from tjscan.welding.bead import column_widths
 from tjscan.welding.state import WeldState
 
@@ -37,28 +37,12 @@ OTHER_JOINT_DISTANCE: Final = 1e-3
 """Bare faces whose distance (rms) from those of the first scan is more, metres, are others'."""
 
 
-@array_dataclass
-class ClosingSeen:
-    """How far the left side of a groove is from where it is believed, at n stations.
-
-    Parameters
-    ----------
-    shift : ndarray, shape (n,)
-        To the right, metres.
-    variance : ndarray, shape (n,)
-        m²; infinite where nothing shows it.
-    """
-
-    shift: Array
-    variance: Array
-
-
 def resample_rows(at: Array, u: Array, w: Array) -> Array:
     """Rows w over u at other places, shape (n, m); beyond its ends a row's end counts."""
     return np.array([np.interp(x, a, b) for x, a, b in zip(at, u, w, strict=True)])
 
 
-def see_closing(belief: WeldState, u: Array, w: Array, read: Mask) -> ClosingSeen:
+def see_closing(belief: WeldState, u: Array, w: Array, read: Mask) -> tuple[Array, Array]:
     """How far the groove closed beyond belief, from the bare faces of its left side.
 
     Pooled along the groove. A face that runs across the section shows little of it, and the bevel
@@ -71,6 +55,11 @@ def see_closing(belief: WeldState, u: Array, w: Array, read: Mask) -> ClosingSee
         Surface seen, registered to the first scan, u growing; metres.
     read : ndarray of bool, shape (n,)
         Stations at which it was read.
+
+    Returns
+    -------
+    shift, variance : ndarray, shape (n,)
+        To the right, metres, and m²: infinite where nothing shows it.
     """
     seen = resample_rows(belief.u, u, w)
     covered = belief.w - belief.base > LEAST_COVER
@@ -87,7 +76,7 @@ def see_closing(belief: WeldState, u: Array, w: Array, read: Mask) -> ClosingSee
     with np.errstate(divide="ignore", invalid="ignore"):
         shift = np.where(information > 0, lever / information, 0.0)
         variance = REGISTRATION_SIGMA**2 + FACE_SIGMA**2 * length / information
-    return ClosingSeen(shift, np.where(read & (information > 0), variance, np.inf))
+    return shift, np.where(read & (information > 0), variance, np.inf)
 
 
 def check_look(belief: WeldState, before: WeldState, u: Array, w: Array, read: Mask) -> None:

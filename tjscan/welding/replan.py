@@ -8,7 +8,13 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tjscan.core.frames import Array, Mask, array_dataclass
+from tjscan.core.frames import (
+    Array,
+    Mask,
+    PlanarPoints,
+    array_dataclass,
+    stretches_of_true_values,
+)
 from tjscan.planning.wps import ArcSettings, RootSettings, WeldingProcedure
 from tjscan.welding.aims import (
     CAP_SPREAD,
@@ -19,7 +25,7 @@ from tjscan.welding.aims import (
     planning_columns,
 )
 from tjscan.welding.bead import BeadModel, column_widths, interpolate_rows, lay_beads
-from tjscan.welding.learning import WeldLearner
+from tjscan.welding.learning import ScalarFilter, WeldLearner
 from tjscan.welding.look import LEAST_COVER, check_look, resample_rows, see_closing
 from tjscan.welding.shrinkage import ShrinkageModel, close_groove
 from tjscan.welding.state import WeldState
@@ -38,6 +44,9 @@ LARGEST_BARE_CHANGE: Final = 0.4e-3
 
 LEAST_LAYER_SHARE: Final = 0.02
 """A layer that is full already still gets this share of the weld's area: all beads are laid."""
+
+LEAST_CARRIED_SHARE: Final = 0.02
+"""Share of the wanted area from which what a limit of the WPS leaves counts."""
 
 PLANNING_STRIDE: Final = 5
 """Aims are sought at every such station."""
@@ -116,8 +125,8 @@ class NextBead:
     number: int
     layer: int
     s: Array
-    aim: Array
-    tip: Array
+    aim: PlanarPoints
+    tip: PlanarPoints
     wanted: Array
     area: Array
     speed: Array
@@ -126,19 +135,16 @@ class NextBead:
     heat_input: Array
     carried: Array
 
-    def stretches_at_limit(self, least: float = 0.02) -> tuple[tuple[float, float, float], ...]:
-        """From where to where a limit of the WPS acts, and the area carried over there.
+    @property
+    def is_at_limit(self) -> Mask:
+        """Stations at which a limit of the WPS leaves more than a little to later beads."""
+        return np.asarray(np.abs(self.carried) > LEAST_CARRIED_SHARE * np.abs(self.wanted))
 
-        Parameters
-        ----------
-        least : float
-            Share of the wanted area from which it counts.
-        """
-        at = np.abs(self.carried) > least * np.abs(self.wanted)
-        changes = np.flatnonzero(np.diff(np.concatenate(((False,), at, (False,))).astype(int)))
+    def stretches_at_limit(self) -> tuple[tuple[float, float, float], ...]:
+        """From where to where a limit of the WPS acts, and the area carried over there."""
         return tuple(
             (float(self.s[a]), float(self.s[b - 1]), float(self.carried[a:b].mean()))
-            for a, b in zip(changes[::2], changes[1::2], strict=True)
+            for a, b in zip(*stretches_of_true_values(self.is_at_limit), strict=True)
         )
 
 
@@ -155,8 +161,6 @@ class WeldPlanner:
     model : BeadModel
     shrinkage : ShrinkageModel
     learner : WeldLearner
-    learns : bool
-        Whether what was learnt is used for planning.
 
     Attributes
     ----------
@@ -164,9 +168,13 @@ class WeldPlanner:
         Area of the whole weld as first planned, m².
     done : int
         Beads that were laid.
+    power_ratio : float
+        Of the arc's power to that of the WPS at its wire feed, as the last arc showed it.
     fill_sigma : ndarray, shape (n,)
         Standard deviation of the surface's mean height as it is believed, metres: a stretch
         where it is large was not read, and is not to be welded.
+    deviation : ScalarFilter or None
+        Of the wire from the last bead's aim, to the leg, as the last look shows it, metres.
     """
 
     belief: WeldState
@@ -175,10 +183,11 @@ class WeldPlanner:
     model: BeadModel = field(default_factory=BeadModel)
     shrinkage: ShrinkageModel = field(default_factory=ShrinkageModel)
     learner: WeldLearner = field(default_factory=WeldLearner)
-    learns: bool = True
     total: Array = field(init=False)
     fill_sigma: Array = field(init=False)
     done: int = 0
+    power_ratio: float = 1.0
+    deviation: ScalarFilter | None = None
     _closing_variance: Array = field(init=False)
     _aims: dict[int, Array] = field(default_factory=dict)
     _laid: tuple[WeldState, NextBead] | None = None
@@ -190,18 +199,13 @@ class WeldPlanner:
         self.fill_sigma = np.zeros_like(self.belief.s)
         self.total = self.missing_area() + self.belief.metal_area
 
-    @property
-    def shrinkage_factor(self) -> float:
-        """Shrinkage over the model's, as learnt."""
-        return self.learner.shrinkage.value if self.learns else 1.0
-
     def missing_area(self) -> Array:
         """Area that is still to be filled when all has shrunk, shape (n,), m²."""
         state, cap = self.belief, self.order.cap_height
         open_area = remaining_area(state, WeldTarget.over(state, cap))
         metal = state.metal_area
         first = np.where(state.first_area > 0, state.first_area, open_area / sum(self.order.counts))
-        final = self.shrinkage_factor * self.shrinkage.transverse(metal + open_area, first)
+        final = self.learner.shrinkage.value * self.shrinkage.transverse(metal + open_area, first)
         by = np.maximum(final - state.closed, 0.0)
         return open_area - area_lost_by_closing(state, by, self.shrinkage.turn_per_metre, cap)
 
@@ -225,7 +229,7 @@ class WeldPlanner:
 
     def _set_bead(self, layer: int, aim_u: Array, wanted: Array) -> NextBead:
         """Speed and wire feed of a bead within the WPS."""
-        wps, gain = self.wps, self.learner.gain.value if self.learns else 1.0
+        wps, gain = self.wps, self.learner.gain.value
         feed = np.full_like(wanted, self.order.feeds[self.done])
         limits = self._limits(self.done)
         for _ in range(2):  # the feed makes up for what a limit of the speed leaves
@@ -236,7 +240,7 @@ class WeldPlanner:
         area = gain * wps.deposition_rate(feed) / speed
         (aim_w,) = interpolate_rows(aim_u, self.belief.u, self.belief.w)
         aim = np.column_stack((aim_u, aim_w))
-        tip = aim - (self.learner.offset.value if self.learns else 0.0, 0.0)
+        tip = aim - (self.learner.offset.value, 0.0)
         weave = np.full_like(wanted, self.order.weaves[self.done])
         return NextBead(
             self.done,
@@ -249,7 +253,7 @@ class WeldPlanner:
             speed,
             feed,
             weave,
-            wps.heat_input(feed, speed),
+            self._heat_input(feed, speed),
             wanted - area,
         )
 
@@ -259,7 +263,7 @@ class WeldPlanner:
 
     def _speed_limits(self, feed: Array, limits: ArcSettings | RootSettings) -> tuple[Array, Array]:
         """Least and largest travel speed by the windows of speed and heat input, m/s."""
-        power = self.wps.heat_input(feed, np.ones_like(feed))
+        power = self._heat_input(feed, np.ones_like(feed))
         low = np.maximum(limits.travel_speed[0], power / limits.heat_input[1])
         high = np.minimum(limits.travel_speed[1], power / limits.heat_input[0])
         return low, np.maximum(high, low)
@@ -292,11 +296,17 @@ class WeldPlanner:
                 left * self.wps.deposition_rate(feed) / area,
                 *self._speed_limits(feed, self._limits(bead)),
             )
-            heat = self.wps.heat_input(feed, speed)
+            heat = self._heat_input(feed, speed)
             found.append(self.model.bead_width(heat, self.order.weaves[bead]))
         return np.array(found)
 
-    def after_bead(self, bead: NextBead, laid: Mask | None = None) -> None:
+    def _heat_input(self, feed: Array, speed: Array) -> Array:
+        """Heat input at wire feeds and speeds, J/m: of the WPS's power, and as arcs showed it."""
+        return self.power_ratio * self.wps.heat_input(feed, speed)
+
+    def after_bead(
+        self, bead: NextBead, laid: Mask | None = None, heat_input: Array | None = None
+    ) -> None:
         """Carry the belief on by the bead model.
 
         Parameters
@@ -305,9 +315,14 @@ class WeldPlanner:
             As it was laid.
         laid : ndarray of bool, shape (n,), optional
             Stations at which it was laid; everywhere if left out.
+        heat_input : ndarray, shape (n,), optional
+            As its arc showed it, J/m; as planned if left out.
         """
         before = self.belief
-        gain = self.learner.gain.value if self.learns else 1.0
+        if heat_input is not None:
+            self.power_ratio *= float(np.median(heat_input / bead.heat_input))
+            bead = replace(bead, heat_input=heat_input)
+        gain = self.learner.gain.value
         ends = self.model.area_along_bead(bead.s - bead.s[0], bead.s[-1] - bead.s)
         self.learner.add_set_area(bead.area * ends / gain * (1.0 if laid is None else laid))
         rows = np.arange(len(bead.s)) if laid is None else np.flatnonzero(laid)
@@ -319,7 +334,7 @@ class WeldPlanner:
             centre=bead.aim[rows, 0],
             width=width[rows],
             area=(bead.area * ends)[rows],
-            factor=self.shrinkage_factor,
+            factor=self.learner.shrinkage.value,
         )
         self.belief = before.replaced(rows, after)
         step = self.belief.closed - before.closed
@@ -348,9 +363,9 @@ class WeldPlanner:
         """
         predicted = self.belief
         check_look(predicted, self._seen, u, w, read)
-        found = see_closing(predicted, u, w, read)
-        gain = self._closing_variance / (self._closing_variance + found.variance)
-        shift = gain * found.shift
+        seen_shift, variance = see_closing(predicted, u, w, read)
+        gain = self._closing_variance / (self._closing_variance + variance)
+        shift = gain * seen_shift
         self._closing_variance = (1 - gain) * self._closing_variance
         turn = self.shrinkage.turn_per_metre * shift
         at, base, before = close_groove(predicted.u, predicted.base, predicted.w, shift, turn)
@@ -369,8 +384,9 @@ class WeldPlanner:
             mean_sigma = float(np.sqrt(np.mean(sigma**2) / max(int(read.sum()), 1)))
             self.learner.learn_gain(metal, read, width * mean_sigma)
             expected = self.shrinkage.transverse(metal, seen.first_area)
-            closed = predicted.closed + found.shift
-            self.learner.learn_shrinkage(closed, expected, np.where(read, found.variance, np.inf))
+            closed = predicted.closed + seen_shift
+            self.learner.learn_shrinkage(closed, expected, np.where(read, variance, np.inf))
+        self.deviation = None
         if self._laid is not None:
             self._learn_offset(*self._laid, predicted, read)
             self._laid = None
@@ -411,10 +427,7 @@ class WeldPlanner:
         sensitivity = (found[1] - found[0]) / SENSITIVITY_STEP
         expected = predicted.part(rows)
         beside = centre(old.w + _added(new, old)) - centre(old.w + _added(expected, old))
-        known = np.isfinite(beside + sensitivity)
-        if known.any():
-            spread = float(np.std(beside[known]) / np.sqrt(max(known.sum() / 3, 1)))
-            self.learner.learn_offset(beside[known], sensitivity[known], spread)
+        self.deviation = self.learner.learn_offset(beside, sensitivity)
 
 
 def _added(new: WeldState, old: WeldState) -> Array:

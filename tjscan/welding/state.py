@@ -116,7 +116,7 @@ class WeldState:
     ) -> WeldState:
         """The state after one more bead; arguments as of `lay_beads` and `with_beads`."""
         laid = lay_beads(
-            model, self.u, self.w, centre=centre, width=width, area=area, tilt=self.tilt
+            model, self.u, self.w, centre=centre, width=width, area=area, tilt=self.tilt, s=self.s
         )
         return self.with_beads(laid, shrinkage, factor)
 

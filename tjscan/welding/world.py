@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import exp, pi, sqrt
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.random import Generator
 from scipy.signal import lfilter
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, array_dataclass
+from tjscan.core.units import MM, PERCENT_UNIT, SettingsTable
 from tjscan.welding.bead import BeadModel, LaidBeads, lay_beads
 from tjscan.welding.shrinkage import ShrinkageModel
 from tjscan.welding.state import Rows, WeldState
@@ -59,34 +62,36 @@ class TorchTrace:
         return TorchTrace(s, *found)
 
 
+SLIP_LENGTH, WANDER_LENGTH = 30e-3, 15e-3
+"""Lengths of correlation of the wire's slip and of the arc's wander, metres."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WeldFaults:
+class WeldFaults(SettingsTable):
     """What goes otherwise than set in a simulated weld; the defaults are none.
 
     Parameters
     ----------
     gain : float
-        Deposited area over what wire and speed give.
-    slip_sigma, slip_length : float
-        Standard deviation of the wire's slip as a share, and its length of correlation, metres.
+        Share by which more metal is laid down than wire and speed give.
+    slip : float
+        Standard deviation of the wire's slip along a bead, as a share.
     offset : float
         Of the wire's tip from where the torch's pose has it, along u, metres.
-    wander_sigma, wander_length : float
-        The same as of slip, of the arc, metres.
+    wander : float
+        Standard deviation of the arc's place about the wire, metres.
     width_sigma : float
         Standard deviation of a bead's width as a share, one value a bead.
     shrinkage : float
-        Over that of the model.
+        Share by which the groove shrinks more than the model has it.
     """
 
-    gain: float = 1.0
-    slip_sigma: float = 0.0
-    slip_length: float = 0.03
-    offset: float = 0.0
-    wander_sigma: float = 0.0
-    wander_length: float = 0.015
-    width_sigma: float = 0.0
-    shrinkage: float = 1.0
+    gain: Annotated[float, Ge(-50), Le(50), PERCENT_UNIT] = 0.0
+    slip: Annotated[float, Ge(0), Le(30), PERCENT_UNIT] = 0.0
+    offset: Annotated[float, Ge(-5), Le(5), MM] = 0.0
+    wander: Annotated[float, Ge(0), Le(5), MM] = 0.0
+    width_sigma: Annotated[float, Ge(0), Le(30), PERCENT_UNIT] = 0.0
+    shrinkage: Annotated[float, Ge(-100), Le(100), PERCENT_UNIT] = 0.0
 
 
 def correlated_noise(s: Array, length: float, sigma: float, rng: Generator) -> Array:
@@ -161,7 +166,6 @@ class WeldWorld:
     shrinkage: ShrinkageModel = field(default_factory=ShrinkageModel)
     faults: WeldFaults = field(default_factory=WeldFaults)
     period: float = 0.0
-    beads: int = 0
 
     def weld(self, trace: TorchTrace) -> Array:
         """Lay the bead of one arc, from its ignition to its crater.
@@ -190,14 +194,12 @@ class WeldWorld:
             if self.period <= 0:
                 break
             turn += self.period
-        self.beads += 1
         return self.state.metal_area - before
 
     def lay_shape(self, part: WeldState, centre: Array, width: Array, area: Array) -> LaidBeads:
         """Shape of the beads; a world of other equations has its own."""
-        return lay_beads(
-            self.model, part.u, part.w, centre=centre, width=width, area=area, tilt=part.tilt
-        )
+        of_bead = {"centre": centre, "width": width, "area": area}
+        return lay_beads(self.model, part.u, part.w, **of_bead, tilt=part.tilt, s=part.s)
 
     def _lay(self, rows: Rows, trace: TorchTrace, turn: float) -> None:
         """Lay the bead at some stations, which the torch passed after a way of `turn`."""
@@ -205,15 +207,15 @@ class WeldWorld:
         s = part.s + turn
         torch = trace.at(s)
         tip = torch.tip + np.array((faults.offset, 0.0))
-        slip = correlated_noise(s, faults.slip_length, faults.slip_sigma, self.rng)
-        wander = correlated_noise(s, faults.wander_length, faults.wander_sigma, self.rng)
+        slip = correlated_noise(s, SLIP_LENGTH, faults.slip, self.rng)
+        wander = correlated_noise(s, WANDER_LENGTH, faults.wander, self.rng)
         ends = self.model.area_along_bead(np.abs(s - trace.s[0]), np.abs(trace.s[-1] - s))
         wire = 0.25 * pi * self.wire_diameter**2 * self.efficiency
-        area = faults.gain * (1 + slip) * ends * wire * torch.feed / torch.speed
+        area = (1 + faults.gain) * (1 + slip) * ends * wire * torch.feed / torch.speed
         width = self.model.bead_width(torch.heat_input, torch.weave)
         width = width * (1 + faults.width_sigma * self.rng.standard_normal())
         centre = wire_meets_surface(part.u, part.w, tip, torch.direction) + wander
         laid = self.lay_shape(part, centre, width, area)
         self.state = self.state.replaced(
-            rows, part.with_beads(laid, self.shrinkage, faults.shrinkage)
+            rows, part.with_beads(laid, self.shrinkage, 1 + faults.shrinkage)
         )

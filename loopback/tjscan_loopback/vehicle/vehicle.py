@@ -126,13 +126,13 @@ class LoopbackVehicle:
         payload = message.to_json()
         if VehicleFaultOrder.NAN in self.faults:
             payload = payload.replace(b'"speed":', b'"speed":NaN,"was":')
-        sent = [(STATE_TOPIC, payload), of_torch]
+        sent = [of_torch, (STATE_TOPIC, payload)]
         if self.body.own_pose is not None:
             x, y, heading = self.body.own_pose.tolist()
             at = PoseMessage(
                 session=self.session, number=self._sent, time=now, x=x, y=y, heading=heading
             )
-            sent.append((POSE_TOPIC, at.to_json()))
+            sent.insert(0, (POSE_TOPIC, at.to_json()))  # known to who reads the state
         return sent
 
     def _receive_presence(self, message: PresenceMessage, now: float) -> None:

@@ -92,6 +92,27 @@ class LiveOptions(PageOptions):
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationMode:
+    """What is calibrated, and whether anything moves or is asked.
+
+    Parameters
+    ----------
+    arm
+        Calibrate the arm's kinematics with the sensor, on the ball that the job states. A scan that
+        takes the file corrects the arm's poses with them.
+    dry_run
+        Check the job and plan its lines on the board that it states; connect, but move nothing.
+    unattended
+        Ask nothing; for a simulated cell.
+    """
+
+    arm: bool = False
+    dry_run: bool = False
+    unattended: bool = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LiveScanOptions(LiveOptions):
     """Whether and where a scan is shown in a browser while it goes on.
 

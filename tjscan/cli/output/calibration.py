@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.calibration.file import ResidualEntry, SavedCalibration
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.interrupt import ctrl_c_presser
-from tjscan.cli.options.shared import LiveOptions
+from tjscan.cli.options.shared import CalibrationMode, LiveOptions
 from tjscan.cli.output.console import print_figures_table, print_message
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import CalibrationJob, RecordedJob
@@ -23,7 +23,6 @@ from tjscan.runs.calibration import run
 
 if TYPE_CHECKING:
     from tjscan.calibration.wizard.session import CalibrationProgress
-    from tjscan.cli.calibrate import CalibrationMode
 
 
 class PrintOnlyOperator(DefaultAnswerOperator):

@@ -39,11 +39,17 @@ class WeldPrinter:
             case LookMessage():
                 print_message(
                     f"look after bead {message.beads}: {100 * message.read.mean():.0f} % read, "
-                    f"torch {1e3 * message.deviation:.2f} ± {1e3 * message.deviation_sigma:.2f} mm "
-                    f"off, deposition {message.gain:.3f}"
+                    f"torch {deviation_text(message)} mm off, deposition {message.gain:.3f}"
                 )
             case RunEvent() if message.name in ("stop", "not read", "retract", "dry run"):
                 print_message(f"{message.name}: {message.detail}")
+
+
+def deviation_text(look: LookMessage) -> str:
+    """Deviation of the torch as a look shows it, in mm."""
+    if look.deviation is None or look.deviation_sigma is None:
+        return "–"
+    return f"{1e3 * look.deviation:.2f} ± {1e3 * look.deviation_sigma:.2f}"
 
 
 def ask_at_terminal(what: str) -> bool:
@@ -83,9 +89,9 @@ def print_weld_log(directory: Path, *, json: bool) -> None:
     found = read_recorded_weld(directory)
     rows = []
     for bead in found.beads.values():
-        arcs = [arc for arc in found.arcs if arc.number == bead.number]
+        arcs = found.arcs_of(bead)
         looks = [look for look in found.looks if look.beads == bead.number + 1]
-        off = f"{1e3 * looks[-1].deviation:.2f}" if looks else ""
+        off = deviation_text(looks[-1]) if looks else ""
         rows.append(
             (
                 str(bead.number + 1),

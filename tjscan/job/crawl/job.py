@@ -40,6 +40,7 @@ from tjscan.vehicle.drivers import VEHICLE_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.simulated_body import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.welding.world import WeldFaults
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,7 +162,7 @@ class TorchSettings(DeviceSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedWeldSettings(SettingsTable):
+class SimulatedWeldSettings(WeldFaults):
     """The table [simulation.weld]: beads of the bead model lie where the torch truly was.
 
     Parameters
@@ -176,10 +177,6 @@ class SimulatedWeldSettings(SettingsTable):
         Of the arc in the weld, k U I, in watts.
     tilt : float
         Of gravity in the section, to the left plate; zero if the joint is level or climbs; radians.
-    offset : float
-        Where the wire truly points, to the right of the torch, metres.
-    slip, wander : float
-        Standard deviations of the wire's slip, as a share, and of the arc's place, metres.
     """
 
     wire_diameter: Annotated[float, Gt(0), Le(10), MM] = 1.2e-3
@@ -187,9 +184,6 @@ class SimulatedWeldSettings(SettingsTable):
     wire_feed: Annotated[float, Gt(0), Le(30), M_PER_MIN] = 9 / 60
     heat_power: Annotated[float, Gt(0), Le(50e3), WATT_UNIT] = 5600.0
     tilt: Annotated[float, Ge(-90), Le(90), DEG] = 0.0
-    offset: Annotated[float, Ge(-5), Le(5), MM] = 0.0
-    slip: Annotated[float, Ge(0), Le(30), PERCENT_UNIT] = 0.0
-    wander: Annotated[float, Ge(0), Le(3), MM] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from tjscan.crawler.plan import PassSettings
 from tjscan.job.crawl.job import SimulatedWeldSettings
 from tjscan.joint.hull import HALF_PLATE_WIDTH, HullJoint, hull_section
 from tjscan.welding.state import WeldState
-from tjscan.welding.world import TorchTrace, WeldFaults, WeldWorld
+from tjscan.welding.world import TorchTrace, WeldWorld
 
 STATION_STEP, COLUMN_STEP = 2e-3, 0.25e-3
 """Between stations along the joint, and between columns across it, metres."""
@@ -55,12 +55,9 @@ class CrawlWeld:
         w = np.maximum(w, -joint.depth - abs(joint.high_low) / 2)
         toes = np.tile((-joint.width / 2, joint.width / 2), (len(s), 1))
         state = WeldState.of_groove(s, u, w, toes, np.full(len(s), settings.tilt))
-        faults = WeldFaults(
-            slip_sigma=settings.slip, offset=settings.offset, wander_sigma=settings.wander
-        )
         rng = np.random.default_rng([self.seed, WELD_RANDOM_STREAM])
         self.metal = WeldWorld(
-            state, settings.wire_diameter, settings.efficiency, rng, faults=faults
+            state, settings.wire_diameter, settings.efficiency, rng, faults=settings
         )
 
     def burn(self, time: float, along: float, right: float) -> None:

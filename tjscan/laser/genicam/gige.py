@@ -328,16 +328,8 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
         Gives the seconds on the clock of the cell.
     """
 
-    @property
-    def scale(self) -> scancontrol.ScanControlScale:
-        """Scale and offset of its model, or those that the job states."""
-        table = self.settings
-        if table.scale is not None and table.offset is not None:
-            return scancontrol.ScanControlScale(table.scale, table.offset)
-        return scancontrol.SCANCONTROL_SCALES[str(table.model)]
-
     def _describe_payload(self) -> tuple[int, str, list[float]]:
-        table, scale = self.settings, self.scale
+        table, scale = self.settings, self.settings.count_scale
         raw = (
             (scancontrol.MAX_RAW_VALUE - 1, 0) if table.flip_z else (1, scancontrol.MAX_RAW_VALUE)
         )  # 0 as sent is no point
@@ -354,4 +346,4 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
         """Nothing is asked: the job states how it is set up."""
 
     def _parse_block(self, block: ReceivedBlock) -> Profile:
-        return scancontrol.parse_scancontrol(block.data, self.settings, self.scale)
+        return scancontrol.parse_scancontrol(block.data, self.settings)

@@ -5,16 +5,41 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
 
 from tjscan.core import units
 from tjscan.core.units import SettingsTable
-from tjscan.laser.scancontrol import SCANCONTROL_SCALES, Field
 
 FeatureValue = str | int | float | bool
 Trigger = Literal["software", "fresh"]
+FieldName = Literal["z", "x", "threshold", "intensity", "width", "moment0", "moment1"]
+
+
+@dataclass(frozen=True, slots=True)
+class ScanControlScale:
+    """What one count is worth, and z of the middle of the counts.
+
+    Parameters
+    ----------
+    scale : float
+        Metres for each count, of x and z.
+    offset : float
+        z of the raw number 32768, in metres.
+    """
+
+    scale: float
+    offset: float
+
+
+SCANCONTROL_SCALES: Final = {
+    "2600-10": ScanControlScale(0.5e-6, 0.055),
+    "2600-25": ScanControlScale(1e-6, 0.065),
+    "2600-50": ScanControlScale(2e-6, 0.095),
+    "2600-100": ScanControlScale(5e-6, 0.250),
+}
+"""Of the models that the specification lists."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +161,10 @@ class ScanControlSettings(GigeSettings):
     layout: Literal["full", "container"] = "full"
     points: Literal[80, 160, 320, 640] = 640
     reflection: Annotated[int, Ge(1), Le(4)] = 1
-    fields: Annotated[tuple[Field, ...], MinLen(2), units.LIST_OR_WORD_IN_FILE] = ("z", "x")
+    fields: Annotated[tuple[FieldName, ...], MinLen(2), units.LIST_OR_WORD_IN_FILE] = (
+        "z",
+        "x",
+    )
     time_stamp: bool = True
     little_endian: bool = False
     flip_x: bool = False
@@ -158,3 +186,10 @@ class ScanControlSettings(GigeSettings):
         for address in self.registers:
             if re.fullmatch("0x[0-9a-fA-F]{1,8}", address) is None:
                 raise ValueError(f"{address!r} is no address, such as 0xf0f0081c")
+
+    @property
+    def count_scale(self) -> ScanControlScale:
+        """Scale and offset of its model, or those that the job states."""
+        if self.scale is not None and self.offset is not None:
+            return ScanControlScale(self.scale, self.offset)
+        return SCANCONTROL_SCALES[str(self.model)]

@@ -52,7 +52,7 @@ class WeldShow:
                 self._welded[entry.number] = done
                 return Step(f"bead {entry.number + 1} welded", table=self._table())
             case LookMessage():
-                middle = entry.w[len(entry.sigma) // 2]
+                middle = entry.seen.w[len(entry.sigma) // 2]
                 facts = {"look": f"after bead {entry.beads}, {100 * entry.read.mean():.0f} % read"}
                 curve = PlaneCurve(1e3 * entry.u, 1e3 * middle)
                 return Step(f"look after bead {entry.beads}", facts=facts, profile=curve)

@@ -13,6 +13,7 @@ import numpy as np
 from tjscan.core.errors import WeldStopped
 from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
 from tjscan.planning.wps import WeldingProcedure
+from tjscan.power.height import ArcHeight, ArcHeightSettings
 from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
 from tjscan.power.source import PowerSample, PowerSetting, PowerSource
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
@@ -131,6 +132,10 @@ class ArcWelder:
         Whether the operator asked for a stop.
     simulated : bool
         Whether no real metal melts.
+    height : ArcHeightSettings, optional
+        How the torch's height follows the current.
+    raise_torch : callable, optional
+        Leads the torch to a height over that of the plan, at a length along the groove; metres.
     """
 
     source: PowerSource
@@ -140,6 +145,8 @@ class ArcWelder:
     journal: Journal
     must_stop: Callable[[], bool]
     simulated: bool
+    height: ArcHeightSettings | None = None
+    raise_torch: Callable[[float, float], None] = lambda s, raised: None
 
     def weld(
         self, bead: NextBead, begin: float, end: float
@@ -180,6 +187,8 @@ class ArcWelder:
     ) -> float:
         """Go through the order of events; the torch is where its measured way has brought it."""
         s, speed = begin, 0.0
+        height = None if self.height is None else ArcHeight(self.height)
+        self.raise_torch(s, 0.0)
         setting = PowerSetting(float(np.interp(s, bead.s, bead.feed)))
         arc.begin(setting, speed)
         while arc.phase is not ArcPhase.DONE:
@@ -195,11 +204,26 @@ class ArcWelder:
                 seen.speed.append(speed)
                 seen.feed.append(setting.feed)
                 seen.sample.append(arc.sample)
+                self._follow_current(height, s, setting, arc.sample)
                 feed = float(np.interp(s, bead.s, bead.feed))
                 if abs(feed - setting.feed) >= FEED_STEP:
                     setting = PowerSetting(feed)
                     arc.set(setting)
         return s
+
+    def _follow_current(
+        self, height: ArcHeight | None, s: float, setting: PowerSetting, sample: PowerSample
+    ) -> None:
+        """Lead the torch to the height that the current asks for; says where it may not go on."""
+        raised = 0.0
+        if height is not None and sample.current.value is not None:
+            before = height.at_bound
+            raised = height.update(sample.time, setting.feed, sample.current.value)
+            if height.at_bound and not before:
+                where = f"at {1e3 * s:.1f} mm the current asks for more than {1e3 * raised:+.1f} mm"
+                why = "the look has the surface elsewhere, or wire slips (3 % are 1.1 mm)"
+                self.journal.record(RunEvent("height", f"{where} over the plan: {why}"))
+        self.raise_torch(s, raised)
 
     def _settle(self, arc: ArcSequence) -> None:
         """Put an arc out, and watch it until no current flows; raises no error."""

@@ -54,8 +54,9 @@ def inspect_run(directory: Path, limits: Path, thickness: float) -> tuple[Inspec
             "'tjscan weld RUN --resume --arc'",
             file=directory,
         )
-    u = np.tile(last.u, (len(last.sigma), 1))
-    measures = measure_weld(weld.planner.belief, u, last.w, last.sigma, last.was_read, butt=False)
+    seen = last.seen
+    u = np.tile(seen.u, (len(seen.w), 1))
+    measures = measure_weld(weld.planner.belief, u, seen.w, seen.sigma, seen.read, butt=False)
     return inspect_weld(measures, table, thickness)
 
 

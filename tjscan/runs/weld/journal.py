@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-import numpy as np
-
-from tjscan.core.frames import Array, ArrayForm, Mask, PlanarPoints, array_dataclass
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.core.signals import delay_ctrl_c
 from tjscan.core.sourced import SourcedNumber
 from tjscan.recording.header import JobSnapshot
@@ -18,45 +16,25 @@ from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
+from tjscan.runs.weld.look import SurfaceLook
+from tjscan.welding.replan import NextBead
 
 WELD_RECORDING: Final = "weld"
 """What the names of a weld's recordings begin with."""
 
-Heights = Annotated[Array, ArrayForm((-1,))]
-
 
 @array_dataclass
-class PlannedBeadMessage:
-    """A bead as it is to be laid, at the stations of the weld.
+class PlannedBeadMessage(NextBead):
+    """A bead as it is to be laid; see `NextBead`.
 
     Parameters
     ----------
-    number, layer : int
-        From 0.
-    s : ndarray, shape (n,)
-        Lengths along the groove, metres.
-    aim, tip : ndarray, shape (n, 2)
-        As of `NextBead`.
-    wanted, area, speed, feed, weave, heat_input, carried : ndarray, shape (n,)
-        As of `NextBead`.
     weldable : ndarray, shape (n,)
         1 where an arc may burn, 0 where the groove was not read.
     dry : bool, optional
         Whether it was planned alone, by a dry run.
     """
 
-    number: int
-    layer: int
-    s: Array
-    aim: PlanarPoints
-    tip: PlanarPoints
-    wanted: Array
-    area: Array
-    speed: Array
-    feed: Array
-    weave: Array
-    heat_input: Array
-    carried: Array
     weldable: Array
     dry: bool = False
 
@@ -138,9 +116,9 @@ class LookMessage:
         Of the heights, metres.
     read : ndarray, shape (n,)
         1 where it was read.
-    deviation, deviation_sigma : float
-        Of the last bead's centre from its plan as the look shows it, to the leg, metres: the mean,
-        and its standard deviation; 0 before the first bead.
+    deviation, deviation_sigma : float or None
+        Of the wire from the last bead's aim, to the leg, as the look shows it, and its standard
+        deviation, metres; None if it does not.
     gain, offset, shrinkage : float
         As learnt; see `WeldLearner`.
     """
@@ -151,21 +129,17 @@ class LookMessage:
     heights: Array
     sigma: Array
     read: Array
-    deviation: float
-    deviation_sigma: float
+    deviation: float | None
+    deviation_sigma: float | None
     gain: float
     offset: float
     shrinkage: float
 
     @property
-    def w(self) -> Array:
-        """Heights, shape (n, k), metres."""
-        return self.heights.reshape(len(self.sigma), len(self.u))
-
-    @property
-    def was_read(self) -> Mask:
-        """Stations at which it was read, shape (n,)."""
-        return np.asarray(self.read > 0)
+    def seen(self) -> SurfaceLook:
+        """The surface that it shows."""
+        w = self.heights.reshape(len(self.sigma), len(self.u))
+        return SurfaceLook(self.u, w, self.sigma, self.read > 0)
 
 
 BEAD_TOPIC: Final = Topic.of("/weld/bead", PlannedBeadMessage)

@@ -10,7 +10,7 @@ import numpy as np
 from tjscan.core.manifest import check_files_unaltered
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.weld.journal import WELD_RECORDING, WELD_STOP_EVENT, ArcMessage
+from tjscan.runs.weld.journal import WELD_RECORDING, WELD_STOP_EVENT
 from tjscan.runs.weld.results import SIMULATED_WELD_NOTE, RecordedWeld, read_recorded_weld
 
 NOT_SEEN_NOTE = (
@@ -33,22 +33,19 @@ def weld_chapter(directory: Path) -> ReportChapter:
     )
 
 
-def _arcs_of_bead(found: RecordedWeld, number: int) -> list[ArcMessage]:
-    return [arc for arc in found.arcs if arc.number == number]
-
-
 def _weld_facts(found: RecordedWeld) -> Iterator[tuple[str, str]]:
     yield "beads", f"{len(found.beads)} planned, {len({arc.number for arc in found.arcs})} begun"
     yield "arc time", f"{sum(arc.seconds for arc in found.arcs) / 60:.1f} min, as simulated"
     yield "looks", f"{len(found.looks)}"
     for bead in found.beads.values():
-        arcs = _arcs_of_bead(found, bead.number)
+        arcs = found.arcs_of(bead)
         length = sum(arc.end - arc.begin for arc in arcs)
         speed = [60e3 * float(v) for v in (bead.speed.min(), bead.speed.max())]
         yield (
             f"bead {bead.number + 1}, layer {bead.layer + 1}",
             f"{1e6 * bead.area.mean():.1f} mm² planned on average (believed), {speed[0]:.0f} to "
-            f"{speed[1]:.0f} mm/min (set); {1e3 * length:.0f} mm welded by {len(arcs)} arcs",
+            f"{speed[1]:.0f} mm/min (set); {1e3 * length:.0f} mm welded by "
+            f"{len(arcs)} arc{'s' * (len(arcs) != 1)}",
         )
     for look in found.looks[-1:]:
         yield (
@@ -63,8 +60,7 @@ def _weld_findings(found: RecordedWeld) -> Iterator[str]:
     yield f"{SIMULATED_WELD_NOTE}."
     yield NOT_SEEN_NOTE
     for bead in found.beads.values():
-        at_limit = float(np.mean(np.abs(bead.carried) > 0.02 * np.abs(bead.wanted)))
-        if at_limit:
+        if at_limit := float(bead.is_at_limit.mean()):
             yield (
                 f"Bead {bead.number + 1} is at a limit of the WPS on {100 * at_limit:.0f} % of its "
                 "length: what is missing there is left to later beads."
@@ -84,7 +80,7 @@ def _weld_charts(found: RecordedWeld) -> Iterator[ReportChart]:
     title = "section in the middle of the weld, look by look"
     for look in found.looks:
         line = f"after bead {look.beads}" if look.beads else "before welding"
-        x, y = 1e3 * look.u, 1e3 * look.w[middle]
+        x, y = 1e3 * look.u, 1e3 * look.seen.w[middle]
         yield ReportChart(title, "across, brace to leg / mm", "height / mm", x, y, line=line)
     along = "along the groove / mm"
     for bead in found.beads.values():

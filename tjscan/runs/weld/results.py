@@ -9,12 +9,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
 from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
 from tjscan.core.units import LITRE_PER_MINUTE, M_PER_MIN, MM, MM2, SECONDS, FileUnit
+from tjscan.planning.wps import KJ_PER_MM, MM_PER_MIN
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE, job_label_of_run
@@ -26,6 +25,7 @@ from tjscan.runs.weld.journal import (
     PlannedBeadMessage,
     read_weld,
 )
+from tjscan.welding.replan import NextBead
 
 WELD_LOG_FILE: Final = "weld-log.json"
 
@@ -35,8 +35,6 @@ SIMULATED_WELD_NOTE: Final = "SIMULATED: no metal was melted, and no real arm le
 NO_UNIT: Final = FileUnit("")
 AMPERE_UNIT: Final = FileUnit("A")
 VOLT_UNIT: Final = FileUnit("V")
-MM_PER_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
-KJ_PER_MM: Final = FileUnit("kJ_mm", 1e6)
 CELSIUS_UNIT: Final = FileUnit("C")
 
 STRETCH_UNITS: Final[Mapping[str, FileUnit]] = {
@@ -72,6 +70,16 @@ class RecordedWeld:
     stretches: tuple[ArcStretchMessage, ...]
     looks: tuple[LookMessage, ...]
     events: tuple[RunEvent, ...]
+
+    @property
+    def source(self) -> NumberSource:
+        """Of what its devices report."""
+        simulated = all(arc.simulated for arc in self.arcs)
+        return NumberSource.SIMULATED if simulated else NumberSource.MEASURED
+
+    def arcs_of(self, bead: NextBead) -> list[ArcMessage]:
+        """Those of one bead."""
+        return [arc for arc in self.arcs if arc.number == bead.number]
 
 
 def read_recorded_weld(directory: Path) -> RecordedWeld:
@@ -110,7 +118,7 @@ def weld_log(directory: Path, found: RecordedWeld) -> dict[str, Any]:
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), "j")
     return {
         "schema": "tjscan.weld-log",
-        "note": SIMULATED_WELD_NOTE if _is_simulated(found) else "",
+        "note": SIMULATED_WELD_NOTE if found.source is NumberSource.SIMULATED else "",
         "job": provenance.job,
         "program": provenance.program,
         "written": str(provenance.written),
@@ -122,28 +130,24 @@ def weld_log(directory: Path, found: RecordedWeld) -> dict[str, Any]:
         "preheat_temperature": _number(ABSENT_NUMBER, CELSIUS_UNIT),
         "interpass_temperature": _number(ABSENT_NUMBER, CELSIUS_UNIT),
         "beads": [_bead_entry(found, bead) for bead in found.beads.values()],
-        "looks": [_look_entry(look, _source_of(found)) for look in found.looks],
+        "looks": [_look_entry(look, found.source) for look in found.looks],
         "stops": [event.detail for event in found.events if event.name == "stop"],
     }
 
 
-def _is_simulated(found: RecordedWeld) -> bool:
-    return all(arc.simulated for arc in found.arcs)
-
-
 def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]:
-    at_limit = np.abs(bead.carried) > 0.02 * np.abs(bead.wanted)
+    planned, set_ = NumberSource.BELIEVED, NumberSource.SET
     return {
         "bead": str(bead.number + 1),
         "layer": str(bead.layer + 1),
         "planned": {
-            "area_least": _number(_believed(bead.area.min()), MM2),
-            "area_most": _number(_believed(bead.area.max()), MM2),
-            "speed_least": _number(_set(bead.speed.min()), MM_PER_MIN),
-            "speed_most": _number(_set(bead.speed.max()), MM_PER_MIN),
-            "at_a_limit_of_the_wps": _number(_believed(at_limit.mean()), NO_UNIT),
+            "area_least": _entry(bead.area.min(), planned, MM2),
+            "area_most": _entry(bead.area.max(), planned, MM2),
+            "speed_least": _entry(bead.speed.min(), set_, MM_PER_MIN),
+            "speed_most": _entry(bead.speed.max(), set_, MM_PER_MIN),
+            "at_a_limit_of_the_wps": _entry(bead.is_at_limit.mean(), planned, NO_UNIT),
         },
-        "arcs": [_arc_entry(arc) for arc in found.arcs if arc.number == bead.number],
+        "arcs": [_arc_entry(arc) for arc in found.arcs_of(bead)],
         "stretches": [_stretch_entry(row) for row in found.stretches if row.number == bead.number],
     }
 
@@ -151,9 +155,9 @@ def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]
 def _arc_entry(arc: ArcMessage) -> dict[str, Any]:
     source = NumberSource.SIMULATED if arc.simulated else NumberSource.MEASURED
     return {
-        "begin": _number(SourcedNumber(arc.begin, source), MM),
-        "end": _number(SourcedNumber(arc.end, source), MM),
-        "arc_time": _number(SourcedNumber(arc.seconds, source), SECONDS),
+        "begin": _entry(arc.begin, source, MM),
+        "end": _entry(arc.end, source, MM),
+        "arc_time": _entry(arc.seconds, source, SECONDS),
         "fault": arc.fault,
     }
 
@@ -161,41 +165,29 @@ def _arc_entry(arc: ArcMessage) -> dict[str, Any]:
 def _stretch_entry(row: ArcStretchMessage) -> dict[str, Any]:
     moved = row.speed.source
     return {
-        "begin": _number(SourcedNumber(row.begin, moved), MM),
-        "end": _number(SourcedNumber(row.end, moved), MM),
+        "begin": _entry(row.begin, moved, MM),
+        "end": _entry(row.end, moved, MM),
         **{name: _number(getattr(row, name), unit) for name, unit in STRETCH_UNITS.items()},
     }
 
 
-def _source_of(found: RecordedWeld) -> NumberSource:
-    return NumberSource.SIMULATED if _is_simulated(found) else NumberSource.MEASURED
-
-
 def _look_entry(look: LookMessage, measured: NumberSource) -> dict[str, Any]:
     believed = NumberSource.BELIEVED
-    deviation = (look.deviation, look.deviation_sigma) if look.beads else (None, None)
     return {
         "after_bead": str(look.beads),
-        "read": _number(SourcedNumber(float(look.read.mean()), measured), NO_UNIT),
-        "height_sigma": _number(SourcedNumber(float(look.sigma.mean()), believed), MM),
-        "torch_deviation": _number(_known(deviation[0], measured), MM),
-        "torch_deviation_sigma": _number(_known(deviation[1], believed), MM),
-        "deposition_gain": _number(SourcedNumber(look.gain, believed), NO_UNIT),
-        "torch_offset": _number(SourcedNumber(look.offset, believed), MM),
-        "shrinkage_factor": _number(SourcedNumber(look.shrinkage, believed), NO_UNIT),
+        "read": _entry(look.read.mean(), measured, NO_UNIT),
+        "height_sigma": _entry(look.sigma.mean(), believed, MM),
+        "torch_deviation": _entry(look.deviation, measured, MM),
+        "torch_deviation_sigma": _entry(look.deviation_sigma, believed, MM),
+        "deposition_gain": _entry(look.gain, believed, NO_UNIT),
+        "torch_offset": _entry(look.offset, believed, MM),
+        "shrinkage_factor": _entry(look.shrinkage, believed, NO_UNIT),
     }
 
 
-def _known(value: float | None, source: NumberSource) -> SourcedNumber:
-    return ABSENT_NUMBER if value is None else SourcedNumber(value, source)
-
-
-def _set(value: float) -> SourcedNumber:
-    return SourcedNumber(float(value), NumberSource.SET)
-
-
-def _believed(value: float) -> SourcedNumber:
-    return SourcedNumber(float(value), NumberSource.BELIEVED)
+def _entry(value: float | None, source: NumberSource, unit: FileUnit) -> dict[str, Any]:
+    """A number as the log has it; None is absent, whatever its source would be."""
+    return _number(ABSENT_NUMBER if value is None else SourcedNumber(float(value), source), unit)
 
 
 def _number(number: SourcedNumber, unit: FileUnit) -> dict[str, Any]:

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, LookRefused, WeldStopped
-from tjscan.core.frames import Array, Mask, inverse_pose
+from tjscan.core.frames import Array, Mask, inverse_pose, stretches_of_true_values
 from tjscan.job.cell import joint_surface, make_cell
 from tjscan.job.files import read_scan_job
 from tjscan.job.weld import WeldJob
@@ -48,6 +47,7 @@ from tjscan.runs.weld.journal import (
     read_weld,
 )
 from tjscan.runs.weld.results import write_weld_results
+from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
@@ -74,9 +74,6 @@ IGNITION_SHIFT: Final = 2e-3
 
 WAIT_SLICE: Final = 1.0
 """Seconds of a wait between two beads after which a stop is seen."""
-
-INDEPENDENT_STATIONS: Final = 5
-"""Stations after which what a bead is off is no longer that of the ones before (assumption)."""
 
 TRACE_STEP: Final = 0.5e-3
 """Between two places of a torch's trace, metres."""
@@ -244,7 +241,7 @@ class Weld:
     _open_arc: str = ""
     _laid: bool = False
     _arm: ArmState | None = None
-    _previous: WeldState | None = None
+    _raised: float = 0.0
 
     def __post_init__(self) -> None:
         self.weldable = np.zeros(len(self.stations.s), dtype=bool)
@@ -283,7 +280,7 @@ class Weld:
             wps.wire.diameter,
             wps.wire.deposition_efficiency,
             np.random.default_rng(settings.simulation.seed),
-            faults=settings.simulation.faults,
+            faults=settings.simulation,
         )
         last = {view.index: view for view in read_recorded_scan(scanned).views}
         T_r_b = result_frame_of_job(context.job).T_r_b
@@ -306,10 +303,16 @@ class Weld:
             PowerDriverInputs(
                 ask=self.context.ask,
                 clock=lambda: self.clock.now,
+                raised=lambda: self._raised,
                 seed=self.context.job.weld.simulation.seed,
             )
         )
         return source
+
+    def _raise_torch(self, s: float, raised: float) -> None:
+        """Let the torch be so much over the plan as it is led, and as it is too high besides."""
+        share = s / float(self.stations.s[-1])
+        self._raised = raised + share * self.context.job.weld.simulation.height
 
     def plan_all(self, journal: Journal) -> None:
         """Look, and plan every bead that is left by the bead model alone; nothing is welded."""
@@ -338,6 +341,8 @@ class Weld:
             journal,
             lambda: self.context.must_stop,
             simulated=True,  # the arm is
+            height=job.weld.height,
+            raise_torch=self._raise_torch,
         )
         planner = self.planner or self._look(journal)
         while planner.done < self.count:
@@ -365,9 +370,7 @@ class Weld:
                 pass
             case PlannedBeadMessage():
                 self._finish_beads_before(message.number)
-                self._bead = NextBead(
-                    **{one.name: getattr(message, one.name) for one in fields(NextBead)}
-                )
+                self._bead = message
                 self.weldable = message.weldable > 0
             case RunEvent(name=name) if name == ARC_BEGUN_EVENT:
                 self._open_arc = message.detail
@@ -377,9 +380,7 @@ class Weld:
                 self._lay(message)
             case LookMessage():
                 self._finish_beads_before(message.beads)
-                self._take_look(
-                    looking.SurfaceLook(message.u, message.w, message.sigma, message.was_read)
-                )
+                self._take_look(message.seen)
                 self._bead = None
 
     def end_replay(self) -> None:
@@ -434,9 +435,9 @@ class Weld:
     def _lay(self, arc: ArcMessage) -> None:
         """Let the metal of an arc lie where the torch truly was."""
         bead = self._bead
-        if bead is None or len(arc.s) < 2 or arc.s[-1] - arc.s[0] < TRACE_STEP:
+        if bead is None or len(arc.s) < 2 or arc.end - arc.begin < TRACE_STEP:
             return
-        s = np.linspace(arc.s[0], arc.s[-1], 1 + round((arc.s[-1] - arc.s[0]) / TRACE_STEP))
+        s = np.linspace(arc.begin, arc.end, 1 + round((arc.end - arc.begin) / TRACE_STEP))
         tip = np.column_stack([np.interp(s, bead.s, column) for column in bead.tip.T])
         along = [np.interp(s, arc.s, values) for values in (arc.speed, arc.feed, arc.heat_input)]
         down = np.tile((0.0, -1.0), (len(s), 1))
@@ -446,7 +447,13 @@ class Weld:
         self._laid = True
 
     def _finish_bead(self, planner: WeldPlanner, bead: NextBead) -> None:
-        planner.after_bead(bead, self.weldable)
+        laid, heat = np.zeros_like(self.weldable), bead.heat_input.copy()
+        for arc in self._arcs:
+            on = (bead.s > arc.begin - TRACE_STEP) & (bead.s < arc.end + TRACE_STEP)
+            if len(arc.s):
+                laid |= on
+                heat[on] = np.interp(bead.s[on], arc.s, arc.heat_input)
+        planner.after_bead(bead, laid, heat)
         self._bead, self._arcs = None, []
 
     def _finish_beads_before(self, number: int) -> None:
@@ -458,23 +465,16 @@ class Weld:
         if planner.done >= self.count or looks is LookSchedule.NONE:
             return False
         layer, before = self.order.layer_of(planner.done)
-        match looks:
-            case LookSchedule.PASS:
-                return True
-            case LookSchedule.LAYER:
-                return before == 0
-            case _:
-                return before == 0 and layer == len(self.order.counts) - 1
+        is_cap = layer == len(self.order.counts) - 1
+        return looks is LookSchedule.PASS or (
+            before == 0 and (is_cap or looks is LookSchedule.LAYER)
+        )
 
     def _look(self, journal: Journal) -> WeldPlanner:
         """Look at the groove as it now is, and plan from what is seen."""
         seen, time = self._scan_again()
-        before = self.planner.belief if self.planner is not None else None
         planner = self._take_look(seen)
-        learner, deviation = planner.learner, (0.0, 0.0)
-        if before is not None and self._previous is not None:
-            deviation = _centre_deviation(self._previous, before, planner.belief, seen.read)
-        self._previous = planner.belief
+        learner, deviation = planner.learner, planner.deviation
         journal.record(
             LookMessage(
                 planner.done,
@@ -483,7 +483,8 @@ class Weld:
                 seen.w.ravel(),
                 seen.sigma,
                 seen.read.astype(float),
-                *deviation,
+                None if deviation is None else deviation.value,
+                None if deviation is None else deviation.sigma,
                 learner.gain.value,
                 learner.offset.value,
                 learner.shrinkage.value,
@@ -516,7 +517,7 @@ class Weld:
         context, settings = self.context.scan, self.context.job.weld
         state = self.world.state
         points = self.stations.points_to_space(np.stack((state.u, state.w), axis=2))
-        surface = RaycastSurface(points.reshape(-1, 3), _grid_triangles(*state.u.shape))
+        surface = RaycastSurface(points.reshape(-1, 3), grid_triangles(*state.u.shape))
         frame = result_frame_of_job(context.job)
         job = context.job
         T_b_r = inverse_pose(job.T_w_b_true) @ (np.eye(4) if job.joint is None else job.joint.T_w_j)
@@ -584,33 +585,7 @@ def _bead_order(plan: WeldPlan, wps: WeldingProcedure) -> BeadOrder:
     )
 
 
-def _grid_triangles(n: int, m: int) -> NDArray[np.intp]:
-    index = np.arange(n * m).reshape(n, m)
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]
-    return np.stack((a, b, c, b, d, c), axis=-1).reshape(-1, 3)
-
-
 def _spans(s: Array, on: Mask) -> Iterator[tuple[float, float]]:
     """From where to where a mask holds, metres."""
-    changes = np.flatnonzero(np.diff(np.concatenate(((False,), on, (False,))).astype(int)))
-    for a, b in zip(changes[::2], changes[1::2], strict=True):
+    for a, b in zip(*stretches_of_true_values(on), strict=True):
         yield float(s[a]), float(s[b - 1])
-
-
-def _centre_deviation(
-    before: WeldState, predicted: WeldState, seen: WeldState, read: Mask
-) -> tuple[float, float]:
-    """Of a bead from where it was planned, to the leg: median along it and its sigma, metres.
-
-    At each station the shift of the planned bead that explains best what a look shows besides.
-    """
-    slope = np.gradient(predicted.w - before.w, axis=1) / np.gradient(predicted.u, axis=1)
-    other = seen.w - predicted.w
-    known = read & (np.einsum("ij,ij->i", slope, slope) > 0)
-    if not known.any():
-        return 0.0, 0.0
-    slope, other = slope[known], other[known]
-    shift = -np.einsum("ij,ij->i", slope, other) / np.einsum("ij,ij->i", slope, slope)
-    middle = float(np.median(shift))
-    spread = 1.4826 * float(np.median(np.abs(shift - middle)))
-    return middle, spread / np.sqrt(max(len(shift) / INDEPENDENT_STATIONS, 1.0))

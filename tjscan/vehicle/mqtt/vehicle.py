@@ -20,8 +20,9 @@ from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState, check_twist, me
 ORDER_REPEAT_PERIOD: Final = 0.05
 """Seconds after which the last order is sent again."""
 
-MOST_WAITING_STATES: Final = 20
-"""States that wait to be read, 0.2 s of them; older ones are dropped then."""
+MOST_WAITING_STATES: Final = 300
+"""States that wait to be read, 3 s of them; older ones are dropped then. Without one its way is not
+known: it is more than any program may be held up for that goes on."""
 
 
 class MqttVehicle(BrokerClient):
@@ -45,11 +46,14 @@ class MqttVehicle(BrokerClient):
         )
 
     def _reset_before_connecting(self) -> None:
-        self._states: SimpleQueue[VehicleState | None] = SimpleQueue()
+        self._states: SimpleQueue[tuple[VehicleState, wire.PoseMessage | None] | None]
+        self._states = SimpleQueue()
         self._wake: SimpleQueue[bool] = SimpleQueue()
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order: tuple[Twist, float] | None = None
-        self._pose: wire.PoseMessage | None = None
+        self._newest_pose: wire.PoseMessage | None = None
+        self._read_until: float | None = None
+        self._pose: wire.PoseMessage | None = None  # at the last state that was read
         self._identity = DeviceIdentity()
         self._fault = self._commander = self._lost = ""
         self._heard, self._stopped = time.monotonic(), False
@@ -95,13 +99,16 @@ class MqttVehicle(BrokerClient):
         with suppress(Empty):
             while True:
                 waiting.append(self._states.get_nowait())
-        states = [state for state in waiting if state is not None]
-        if len(states) < len(waiting):
+        received = [one for one in waiting if one is not None]
+        if len(received) < len(waiting):
             raise self._link_lost_error()
-        return merge_unread_states(states)
+        self._pose = received[-1][1]
+        merged = merge_unread_states([state for state, _ in received], self._read_until)
+        self._read_until = merged.time
+        return merged
 
     def true_pose(self) -> Array:
-        """True pose T_w_v, shape (4, 4), of a stand-in that sends it; no real vehicle does.
+        """True pose T_w_v, shape (4, 4), at the last state, of a stand-in that sends it before.
 
         Raises
         ------
@@ -164,7 +171,7 @@ class MqttVehicle(BrokerClient):
         elif received.topic == wire.POSE_TOPIC:
             message = wire.PoseMessage.from_json(received.payload)
             self._pose_gate.measuring_time(message, received.time)
-            self._pose = message
+            self._newest_pose = message
 
     def _receive_presence(self, message: wire.PresenceMessage) -> None:
         if not message.alive:
@@ -187,7 +194,7 @@ class MqttVehicle(BrokerClient):
         if self._states.qsize() >= MOST_WAITING_STATES:
             self._states.get()
             self._note_dropped("a state that was not read in time")
-        self._states.put(message.state)
+        self._states.put((message.state, self._newest_pose))
 
     def _link_changed(self, up: bool) -> None:
         if not up and self._connected:
@@ -216,6 +223,7 @@ class MqttVehicle(BrokerClient):
                     f"the broker at {s.host}:{s.port} knows no vehicle {s.prefix} that reports "
                     "states and takes commands. See that it is on, or correct vehicle.mqtt.prefix."
                 ) from None
+        self._pose = self._newest_pose
 
     def _check_link(self) -> None:
         if not self._connected:

@@ -1,0 +1,47 @@
+"""Height by the arc's current: it follows a surface, and is fooled by wire that slips."""
+
+import numpy as np
+import pytest
+
+from tjscan.core.frames import Array
+from tjscan.power.height import ArcHeight, ArcHeightSettings
+from tjscan.power.laws import ArcLaw
+
+LAW = ArcLaw()
+FEED = 9 / 60
+STICK_OUT = 15e-3
+CYCLE = 0.01
+
+
+def follow(height: ArcHeight, higher: Array, fed: float = FEED, noise: float = 0.0) -> list[float]:
+    """A torch that is so much too high, shape (n,), metres; what is left in each cycle."""
+    rng, left = np.random.default_rng(3), []
+    for k, by in enumerate(higher):
+        left.append(float(by) + height.raised)
+        slipped = fed if k * CYCLE > 1.0 else FEED
+        current = LAW.current(slipped, STICK_OUT + left[-1]) + noise * rng.normal()
+        height.update(k * CYCLE, FEED, current)
+    return left
+
+
+def test_torch_follows_a_surface_that_leads_away() -> None:
+    height = ArcHeight(ArcHeightSettings(most=3e-3))
+    ramp = np.clip(np.arange(2000) * CYCLE - 1.0, 0.0, 10.0) * 0.2e-3  # 0.2 mm a second
+    left = follow(height, ramp, noise=2.0)
+    assert height.raised == pytest.approx(-2e-3, abs=0.1e-3)
+    assert np.abs(left).max() < 0.4e-3
+    assert not height.at_bound
+
+
+def test_height_is_relative_to_that_of_the_arc_s_start() -> None:
+    height = ArcHeight(ArcHeightSettings())
+    assert follow(height, np.full(1000, 0.7e-3))[-1] == pytest.approx(0.7e-3, abs=1e-6)
+
+
+def test_wire_that_slips_by_three_per_cent_passes_for_a_millimetre_of_height() -> None:
+    wide = ArcHeight(ArcHeightSettings(most=5e-3))
+    led_astray = follow(wide, np.zeros(3000), fed=0.97 * FEED)[-1]
+    assert led_astray == pytest.approx(-1.1e-3, abs=0.1e-3)
+    held = ArcHeight(ArcHeightSettings(most=0.5e-3))
+    assert follow(held, np.zeros(3000), fed=0.97 * FEED)[-1] == pytest.approx(-0.5e-3)
+    assert held.at_bound
