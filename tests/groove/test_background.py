@@ -8,6 +8,7 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.read import read_groove
 from tjscan.groove.reflections import find_runs, share_in_long_stretches
+from tjscan.groove.root import WELD_IN_ROOT
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
@@ -115,8 +116,10 @@ def test_no_corner_is_surely_on_spatter() -> None:
         except GrooveNotFound:
             continue
         read += 1
+        # Spatter that covers a whole root is a bead of weld, to what sees its surface alone.
+        bare = WELD_IN_ROOT not in section.conditions
         off, sigma = errors_and_sigmas(section, groove)
-        assert off[sigma < SURE].max(initial=0.0) < 1 * MM, f"seed {seed}"
+        assert off[bare & (sigma < SURE)].max(initial=0.0) < 1 * MM, f"seed {seed}"
     assert read > 20
 
 

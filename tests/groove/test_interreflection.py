@@ -9,7 +9,7 @@ from grooves import MM, Groove, Noise, pulled_in, raised_cosine, seen
 from tjscan.core.frames import Array
 from tjscan.groove.interreflection import NotchPull, find_pull
 from tjscan.groove.read import order_points
-from tjscan.groove.search import find_best_fit
+from tjscan.groove.search import find_supported_fits
 from tjscan.groove.settings import DEFAULT_SETTINGS
 from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile
@@ -35,7 +35,7 @@ def wedge(away: Array) -> Array:
 
 def pull_of(profile: Profile) -> tuple[NotchPull, FittedProfile]:
     row = order_points(profile, DEFAULT_SETTINGS)
-    found = find_best_fit(row, DEFAULT_SETTINGS)
+    found = find_supported_fits(row, DEFAULT_SETTINGS)[0]
     return find_pull(row, found.fitted, len(found.model.sides) - 2), found.fitted
 
 

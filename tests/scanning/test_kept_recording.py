@@ -19,7 +19,7 @@ from tjscan.recording.reader import read_header
 from tjscan.scanning.recording import read_recorded_scan
 
 KEPT = Path(__file__).parents[1] / "data" / "run-0.1.0"
-READERS = 1.5e-3
+READERS = 3e-3
 """Metres: the early reader placed corners, and the ends of the sides most of all, elsewhere."""
 READERS_MM = 1e3 * READERS
 IN_FILE_MM = 2e-4

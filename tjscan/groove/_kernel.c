@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KERNEL_VERSION 2
+#define KERNEL_VERSION 3
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -24,10 +24,9 @@
 #define LONGEST_LAG 24
 #define WIDEST_HALF_LAG (LONGEST_LAG / 2 * 0.83)
 #define LARGEST_NOISE_SHARE_IN_FIT 0.6
+#define CORRELATION_POWER 1.6
 #define _LEAST_CORRELATION 0.01
 #define _SHORTEST_LAG 0.15
-#define GHOST_SIGMAS 0.7
-#define FEWEST_POINTS_OF_GHOST 3
 #define FEWEST_SIDE_POINTS 3
 #define POOLED_NOISE_POINTS 20
 #define OUTER_SIDE_REACH 3.0
@@ -53,14 +52,9 @@
 #define MEETING_REACH 1.5e-3
 #define FEWEST_MEETING 2
 #define FEWEST_HIDING 3
-#define SIGNIFICANT_SIGMAS 3.0
-#define POINTS_PER_UNDULATION_BLOCK 10
-#define FEWEST_UNDULATION_BLOCKS 3
 #define LEAST_RAY_SINE 0.2
 #define SUPPORT_NEIGHBOURS 4
 #define CORNER_NEIGHBOURHOOD 1.5e-3
-#define LEAST_REFLECTION_OFFSET 2.0e-3
-#define FEWEST_BESIDE_CORNER 4
 #define PATCH_REACH 0.6e-3
 #define FEWEST_PATCH_POINTS 12
 #define CORNER_POINTS 3
@@ -69,12 +63,9 @@
 #define PATCHED_SHARE 0.15
 #define UNSEEN_SIDE_SLOPE 0.04
 #define PULL_PROBABILITY 0.5
-#define UNSEEN_FACE_SLOPE 0.15
-#define LARGEST_STEP_ON_SURFACE 0.7e-3
 #define FACE_END_SHARE 0.1
-#define _MEDIAN_OVER_MEAN 1.2533
 #define PULL_PRIOR_ODDS 0.5
-#define PULL_SHAPE_SIGMA 0.05
+#define PULL_SHAPE_SIGMA 0.1
 #define NOTCH_REGION_LENGTH 8e-3
 #define FEWEST_FACE_POINTS 8
 #define LEAST_TURN_SINE 0.15
@@ -301,10 +292,6 @@ static Py_ssize_t search_sorted(const double *v, Py_ssize_t n, double value)
 
 /* ---- the correlation of noise: groove/refinement.py ---- */
 
-typedef struct {
-    double lags[LONGEST_LAG], inflation;
-} Correlation;
-
 static double noise_share_in_fit(double parameters, double inflation, double count)
 {
     return smaller(parameters * larger(inflation, 1.0) / count, LARGEST_NOISE_SHARE_IN_FIT);
@@ -315,30 +302,9 @@ static double lag_of_half_correlation(const double *rho)
     int k = 1;
     while (k < LONGEST_LAG && !(rho[k] < 0.5)) k++;
     if (k == LONGEST_LAG) return WIDEST_HALF_LAG;
-    const double before = k > 1 ? -log(smaller(rho[k - 1], 1.0)) : 0.0;
-    const double share = (log(2.0) - before) / (-log(larger(rho[k], _LEAST_CORRELATION)) - before);
-    if (k == 1) return larger(share, _SHORTEST_LAG);
-    return smaller(sqrt((k - 1) * (k - 1) + share * (2 * k - 1)), WIDEST_HALF_LAG);
-}
-
-static void smooth_correlation(const double *rho, double count, double *lags)
-{
-    const double half = lag_of_half_correlation(rho);
-    int compared = (int)(2.5 * half);
-    compared = compared < 3 ? 3 : compared;
-    compared = compared > LONGEST_LAG - 1 ? LONGEST_LAG - 1 : compared;
-    double shapes[2][LONGEST_LAG], error[2] = {0.0, 0.0}, weight[2];
-    for (int p = 0; p < 2; p++)
-        for (int k = 0; k < LONGEST_LAG; k++) {
-            const double lag = k / half;
-            shapes[p][k] = pow(0.5, p ? lag * lag : lag);
-            const double off = shapes[p][k] - rho[k];
-            if (k >= 1 && k <= compared) error[p] += off * off;
-        }
-    const double variance = 2 * half / count * compared / 3, least = smaller(error[0], error[1]);
-    for (int p = 0; p < 2; p++) weight[p] = exp(-0.5 * (error[p] - least) / variance);
-    for (int k = 0; k < LONGEST_LAG; k++)
-        lags[k] = (weight[0] * shapes[0][k] + weight[1] * shapes[1][k]) / (weight[0] + weight[1]);
+    const double before = -log(smaller(larger(rho[k - 1], _LEAST_CORRELATION), 1.0));
+    const double after = -log(smaller(larger(rho[k], _LEAST_CORRELATION), 1.0));
+    return smaller(larger(k - 1 + (log(2.0) - before) / (after - before), _SHORTEST_LAG), WIDEST_HALF_LAG);
 }
 
 static int count_bits(uint64_t v)
@@ -350,11 +316,10 @@ static int count_bits(uint64_t v)
 
 /* `grid` holds scaled residuals by column, zero where there is none; `held`, bit by bit, says where, with
    a word more in the end. */
-static void estimate_correlation(
-    const double *grid, const uint64_t *held, Py_ssize_t columns, double count, double parameters,
-    Correlation *found)
+static double inflation_of(
+    const double *grid, const uint64_t *held, Py_ssize_t columns, double count, double parameters)
 {
-    double rho[LONGEST_LAG], put_back[LONGEST_LAG], lost = 0.0, total = 0.0;
+    double rho[LONGEST_LAG], put_back[LONGEST_LAG], lost = 0.0, inflation = 1.0;
     for (int k = 0; k < LONGEST_LAG; k++) {
         int pairs = 0;
         for (Py_ssize_t i = 0; i <= columns / 64; i++)
@@ -365,12 +330,13 @@ static void estimate_correlation(
     for (int k = 0; k < LONGEST_LAG; k++) rho[k] /= scale;
     for (int round = 0; round < 3; round++) {
         for (int k = 0; k < LONGEST_LAG; k++) put_back[k] = rho[k] * (1 - lost) + lost;
-        smooth_correlation(put_back, count, found->lags);
-        total = 0.0;
-        for (int k = 0; k < LONGEST_LAG; k++) total += found->lags[k];
-        lost = noise_share_in_fit(parameters, larger(2 * total - 1, 1.0), count);
+        const double half = lag_of_half_correlation(put_back);
+        double total = 0.0;
+        for (int k = 0; k < LONGEST_LAG; k++) total += pow(0.5, pow(k / half, CORRELATION_POWER));
+        inflation = larger(2 * total - 1, 1.0);
+        lost = noise_share_in_fit(parameters, inflation, count);
     }
-    found->inflation = larger(1.0, 2 * total - 1);
+    return inflation;
 }
 
 /* ---- refine_fit: groove/refinement.py ---- */
@@ -400,27 +366,9 @@ typedef struct {
     double matrix[MOST_SIDES][16], rhs[MOST_SIDES][4], inverse[MOST_SIDES][16], weight[MOST_SIDES][4];
 } Fit;
 
-static void drop_points_beside_ghosts(const Row *row)
-{
-    const Py_ssize_t n = row->n;
-    Py_ssize_t dropped = 0;
-    for (Py_ssize_t i = 0; i < n; i++) dropped += !row->keep[i];
-    if (dropped < FEWEST_POINTS_OF_GHOST) return;
-    for (Py_ssize_t a = 0, b; a < n; a = b) {
-        const int side = (row->scaled[a] > GHOST_SIGMAS) - (row->scaled[a] < -GHOST_SIGMAS);
-        Py_ssize_t outliers = 0;
-        for (b = a; b < n; b++) {
-            if ((row->scaled[b] > GHOST_SIGMAS) - (row->scaled[b] < -GHOST_SIGMAS) != side) break;
-            outliers += !row->keep[b];
-        }
-        if (a == 0 && b == n) return;
-        if (outliers >= FEWEST_POINTS_OF_GHOST) memset(row->keep + a, 0, (size_t)(b - a));
-    }
-}
-
 /* _fit_sides_once: from the curves and corners in `fit`, into it; 0 if there is no fit. */
 static int fit_sides_once(
-    const Row *row, Fit *fit, const double *limits, double weight[][4], const Side *sides, int shadows)
+    const Row *row, Fit *fit, const double *limits, double weight[][4], const Side *sides)
 {
     const int k = fit->k;
     fit->edges[0] = 0;
@@ -442,7 +390,6 @@ static int fit_sides_once(
             row->keep[i] = fabs(row->scaled[i]) < OUTLIER_SIGMAS;
         }
     }
-    if (shadows) drop_points_beside_ghosts(row);
     if (row->is_left_out)
         for (Py_ssize_t i = 0; i < row->n; i++) row->keep[i] &= !row->left_out[i];
 
@@ -514,7 +461,7 @@ static int fit_sides_once(
     return 1;
 }
 
-static void estimate_noise(const Row *row, const Fit *fit, Correlation *noise)
+static double estimate_variance_inflation(const Row *row, const Fit *fit)
 {
     double count = 0.0, parameters = 0.0;
     memset(row->grid, 0, (size_t)row->column_count * sizeof(double));
@@ -529,31 +476,10 @@ static void estimate_noise(const Row *row, const Fit *fit, Correlation *noise)
             }
         parameters += 2 + fit->curved[j];
     }
-    estimate_correlation(row->grid, row->held, row->column_count, count, parameters, noise);
+    return inflation_of(row->grid, row->held, row->column_count, count, parameters);
 }
 
-/* What correlated_normal_matrices gives for one row of a basis, on one side. */
-static double correlated_square(
-    const Row *row, const Correlation *noise, const double *share, Py_ssize_t start, Py_ssize_t end)
-{
-    double sum = 0.0;
-    int64_t first = INT64_MAX, last = INT64_MIN;
-    for (Py_ssize_t i = start; i < end; i++)
-        if (row->keep[i]) {
-            first = row->columns[i] < first ? row->columns[i] : first;
-            last = row->columns[i] > last ? row->columns[i] : last;
-        }
-    const Py_ssize_t room = (Py_ssize_t)(last - first + 1);
-    memset(row->grid, 0, (size_t)room * sizeof(double));
-    for (Py_ssize_t i = start; i < end; i++)
-        if (row->keep[i]) row->grid[row->columns[i] - first] = share[i];
-    for (int lag = 0; lag < LONGEST_LAG && lag < room; lag++)
-        sum += (lag ? 2.0 : 1.0) * noise->lags[lag] * dot(row->grid, row->grid + lag, room - lag);
-    return sum;
-}
-
-static void log_odds_of_straight_sides(
-    const Row *row, Fit *fit, const Correlation *noise, const Side *sides)
+static void log_odds_of_straight_sides(Fit *fit, double inflation, const Side *sides)
 {
     for (int j = 0; j < fit->k; j++) {
         if (sides[j].bend_is_expected) {
@@ -561,13 +487,11 @@ static void log_odds_of_straight_sides(
             continue;
         }
         const double *c = fit->inverse[j] + 8; /* symmetric: row and column of the bend */
-        for (Py_ssize_t i = fit->edges[j]; i < fit->edges[j + 1]; i++) {
-            const double u = row->along[i] * (1 / SCALING_LENGTH);
-            row->work[i] = c[0] + u * (c[1] + u * (c[2] + u * c[3]));
-        }
-        const double lost = noise_share_in_fit(2 + fit->curved[j], noise->inflation, fit->counts[j]);
-        double variance = fit->sigmas[j] * fit->sigmas[j] / (1 - lost);
-        variance *= correlated_square(row, noise, row->work, fit->edges[j], fit->edges[j + 1]);
+        const double lost = noise_share_in_fit(2 + fit->curved[j], inflation, fit->counts[j]);
+        double variance = 0.0;
+        for (int a = 0; a < 4; a++)
+            for (int b = 0; b < 4; b++) variance += c[a] * fit->matrix[j][4 * a + b] * c[b];
+        variance *= inflation * (fit->sigmas[j] * fit->sigmas[j] / (1 - lost));
         const double spread[2] = {sides[j].bend, sides[j].twist};
         for (int a = 0; a < 2; a++) {
             const double w = fit->weight[j][2 + a];
@@ -612,7 +536,7 @@ static int find_curled_rims(const Row *row, const Fit *fit, const Side *sides)
             }
         if (pass == 0) {
             if (first < FEWEST_CURLED_RIMS || 2 * first <= rims) return 0;
-            width += 1;
+            width = width < RIM_POINTS ? width + 1 : RIM_POINTS;
         }
     }
     return 1;
@@ -633,7 +557,7 @@ static int read_sides(const double *model, Py_ssize_t k, Side *sides)
 /* 1 if a fit was found, 2 if it is near a known one, 0 if there is none. */
 static int refine(
     Row *row, Fit *fit, const Side *sides, double tolerance, int annealed, const double *known,
-    Py_ssize_t known_count, Correlation *noise)
+    Py_ssize_t known_count, double *variance_inflation)
 {
     static const double FIRST_ROUND_TOLERANCES[3] = {4.0, 2.0, 1.0};
     const int k = fit->k, widths = annealed ? 2 : 0;
@@ -673,7 +597,7 @@ static int refine(
             fit->curved[j] = curved[j];
         }
         memcpy(before, fit->corners, sizeof before);
-        if (!fit_sides_once(row, fit, limits, weight, sides, round >= widths)) return 0;
+        if (!fit_sides_once(row, fit, limits, weight, sides)) return 0;
         for (Py_ssize_t m = 0; m < known_count; m++) {
             double apart = 0.0;
             for (int v = 0; v < 2 * (k - 1); v++)
@@ -690,10 +614,9 @@ static int refine(
         if (noise_is_known && moved < SETTLED_SIGMAS * larger(mean, LEAST_NOISE)) break;
         const int settling = round >= widths && moved < 0.1 * tolerance;
         if (noise_is_known || !(settling || round + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE)) continue;
-        estimate_noise(row, fit, noise);
+        inflation = *variance_inflation = estimate_variance_inflation(row, fit);
         noise_is_known = 1;
-        inflation = noise->inflation;
-        log_odds_of_straight_sides(row, fit, noise, sides);
+        log_odds_of_straight_sides(fit, inflation, sides);
         memcpy(straight, fit->straight, sizeof straight);
         for (int j = 0; j < k; j++)
             curved[j] = curved[j] && straight[j] < (sides[j].bead ? 0.0 : STRAIGHT_LOG_ODDS);
@@ -707,7 +630,7 @@ static int refine(
 }
 
 /* Doubles of a fit of k sides, in their order in the array that Python gets. */
-#define FIT_VALUES(k) ((k) * (8 + 2 + 2 + 1 + 1 + 1 + 1 + 1 + 16 + 4 + 16 + 4) - 4 + LONGEST_LAG + 1)
+#define FIT_VALUES(k) ((k) * (8 + 2 + 2 + 1 + 1 + 1 + 1 + 1 + 16 + 4 + 16 + 4) - 4 + 1)
 
 static double *put(double *to, const void *from, size_t count)
 {
@@ -747,14 +670,13 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
                (uint8_t *)(memory + 3 * n + 2 * column_count), 0};
     for (Py_ssize_t i = 0; i < n; i++) row.u[i] = -row.x[i] / row.z[i];
     Fit fit;
-    Correlation noise;
+    double inflation = 1.0;
     memset(&fit, 0, sizeof fit);
-    memset(&noise, 0, sizeof noise);
     fit.k = (int)k;
     memcpy(fit.curves, v[3].buf, (size_t)k * sizeof(Curve));
     memcpy(fit.corners, v[4].buf, (size_t)(k - 1) * 2 * sizeof(double));
     const Py_ssize_t known = count_of(&v[6]) / (2 * (k - 1));
-    const int found = refine(&row, &fit, sides, tolerance, annealed, v[6].buf, known, &noise);
+    const int found = refine(&row, &fit, sides, tolerance, annealed, v[6].buf, known, &inflation);
     free(memory);
     if (found) {
         const size_t m = (size_t)k;
@@ -771,8 +693,7 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
         to = put(to, fit.rhs, 4 * m);
         to = put(to, fit.inverse, 16 * m);
         to = put(to, fit.weight, 4 * m);
-        to = put(to, noise.lags, LONGEST_LAG);
-        *to = noise.inflation;
+        *to = inflation;
         result = PyTuple_New(k + 2);
         if (result) PyTuple_SetItem(result, 0, PyBool_FromLong(found == 1));
         for (Py_ssize_t j = 0; result && j <= k; j++)
@@ -1713,15 +1634,15 @@ static const double Pi = 3.14159265358979323846;
 
 /* A fit as Python holds it, and the points it rests on. */
 typedef struct {
-    Py_ssize_t n, k, lag_count, column_count;
-    const double *x, *z, *along, *residuals, *places, *corners, *sigmas, *middles, *lags, *straight;
+    Py_ssize_t n, k;
+    const double *x, *z, *along, *residuals, *places, *corners, *sigmas, *middles, *straight;
     const double *matrix, *rhs, *inverse, *weight;
-    const int64_t *columns, *edges, *counts;
+    const int64_t *edges, *counts;
     const uint8_t *keep, *curved;
     const Curve *curves;
     double inflation;
     Side sides[MOST_SIDES];
-    double *work; /* n values, and twice four rows of columns with room on both ends */
+    double *work; /* twice n values */
     uint8_t *on;
 } Fitted;
 
@@ -1738,28 +1659,6 @@ static double side_noise_variance(const Fitted *f, Py_ssize_t j)
     return f->sigmas[j] * f->sigmas[j] / (1 - lost);
 }
 
-static double undulation_sigma(const Fitted *f, Py_ssize_t j)
-{
-    enum { BLOCK = POINTS_PER_UNDULATION_BLOCK };
-    double share = BLOCK * f->lags[0], sum = 0.0;
-    for (int lag = 1; lag < BLOCK && lag < f->lag_count; lag++) share += 2.0 * (BLOCK - lag) * f->lags[lag];
-    share /= BLOCK * BLOCK;
-    Py_ssize_t kept = 0;
-    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++)
-        if (f->keep[i]) f->work[kept++] = f->residuals[i];
-    const Py_ssize_t blocks = kept / BLOCK, start = (kept - blocks * BLOCK) / 2;
-    if (blocks < FEWEST_UNDULATION_BLOCKS) return 0.0;
-    for (Py_ssize_t b = 0; b < blocks; b++) {
-        double mean = 0.0;
-        for (int i = 0; i < BLOCK; i++) mean += f->work[start + b * BLOCK + i];
-        sum += mean / BLOCK * (mean / BLOCK);
-    }
-    const double free_count = larger((double)(blocks - (2 + f->curved[j])), 1.0);
-    const double variance = sum / free_count, expected = side_noise_variance(f, j) * share;
-    if (!(variance > expected * (1 + SIGNIFICANT_SIGMAS * sqrt(2 / free_count)))) return 0.0;
-    return sqrt((variance - expected) * (1 + 4 / (double)blocks));
-}
-
 static double median_high(const double *v, Py_ssize_t n, double *work)
 {
     memcpy(work, v, (size_t)n * sizeof(double));
@@ -1771,59 +1670,6 @@ static double median_of_few(const double *v, Py_ssize_t n)
     double work[MOST_SIDES];
     const double high = median_high(v, n, work);
     return n % 2 ? high : 0.5 * (high + select_rank(work, n, n / 2 - 1));
-}
-
-static int has_jump(const double *v, Py_ssize_t n)
-{
-    double before = 0.0;
-    for (Py_ssize_t i = 0; i + 2 < n; i++) {
-        const double a = v[i], b = v[i + 1], c = v[i + 2];
-        const double middle = larger(smaller(a, b), smaller(larger(a, b), c));
-        if (i && fabs(middle - before) > LARGEST_STEP_ON_SURFACE) return 1;
-        before = middle;
-    }
-    return 0;
-}
-
-static void departures_beside_corners(const Fitted *f, double found[][2])
-{
-    double ratio[MOST_SIDES][2];
-    int significant[MOST_SIDES][2];
-    double *inward = f->work, *sorted = f->work + f->n;
-    for (Py_ssize_t i = 0; i < f->k - 1; i++)
-        for (int j = 0; j < 2; j++) {
-            const Py_ssize_t a = f->edges[i + j], b = f->edges[i + j + 1];
-            const Py_ssize_t most = b - a < FEWEST_BESIDE_CORNER + 2 ? b - a : FEWEST_BESIDE_CORNER + 2;
-            const double s = f->places[2 * i + j], sigma = sqrt(side_noise_variance(f, i + j));
-            double farthest = 0.0;
-            for (Py_ssize_t p = 0; p < most; p++)
-                farthest = larger(farthest, fabs(f->along[j ? a + p : b - 1 - p] - s));
-            const double reach = smaller(larger(CORNER_NEIGHBOURHOOD, farthest), 2 * CORNER_NEIGHBOURHOOD);
-            Py_ssize_t n = 0;
-            /* Before the corner the row ends at it, after it the row begins there. */
-            for (Py_ssize_t p = 0; p < b - a; p++) {
-                const Py_ssize_t at = j ? a + p : b - 1 - p;
-                if (fabs(f->residuals[at]) < LEAST_REFLECTION_OFFSET && fabs(f->along[at] - s) <= reach)
-                    inward[n++] = f->residuals[at];
-            }
-            found[i][j] = ratio[i][j] = 0.0;
-            significant[i][j] = 0;
-            if (n < FEWEST_BESIDE_CORNER || has_jump(inward, n)) continue;
-            const double inner = median_high(inward, n / 2, sorted);
-            const double outer = median_high(inward + n / 2, n - n / 2, sorted);
-            if (fabs(outer) > fabs(inner) + SIGNIFICANT_SIGMAS * sigma) continue;
-            found[i][j] = median_high(inward, n, sorted);
-            ratio[i][j] = found[i][j] / (_MEDIAN_OVER_MEAN * sigma * sqrt(smaller(1.0, f->inflation / (double)n)));
-            significant[i][j] = fabs(ratio[i][j]) > SIGNIFICANT_SIGMAS;
-        }
-    for (Py_ssize_t k = 1; k < f->k - 1; k++) {
-        const double a = ratio[k - 1][0], b = ratio[k][1];
-        if (f->sides[k].bead && a < 0 && b < 0 && a + b < -SIGNIFICANT_SIGMAS * sqrt(2.0))
-            significant[k - 1][0] = significant[k][1] = 1;
-    }
-    for (Py_ssize_t i = 0; i < f->k - 1; i++)
-        for (int j = 0; j < 2; j++)
-            if (!significant[i][j]) found[i][j] = 0.0;
 }
 
 static double sine_with_ray(const Curve *c, double s)
@@ -1970,11 +1816,11 @@ static int pull_costs(
                 const double *inward = shapes[w], *behind = inward + count;
                 const double *one = behind + count + 2 * r * count, *other = one + count;
                 const Py_ssize_t begin = w ? last : 0, end = w ? count : first;
-                const double fuzz = PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank->limit * tried->pull[p];
                 /* Sums of angles and of exponents: cosines and exponentials are taken only once. */
                 const double ratio = flank->met[p] / length;
                 const double angle = ends ? ratio : smaller(larger(ratio, -LARGEST_EXPONENT), LARGEST_EXPONENT);
                 const double turn_1 = ends ? cos(Pi * angle) : exp(angle), turn_2 = ends ? sin(Pi * angle) : exp(-angle);
+                const double fuzz = PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank->limit * tried->pull[p];
                 double product = 1.0, logs = 0.0, pays = 0.0;
                 for (Py_ssize_t i = begin; i < end; i++) {
                     double share;
@@ -1982,8 +1828,8 @@ static int pull_costs(
                         share = flank->met[p] - inward[i] >= length ? 0.0 : 0.5 + 0.5 * (turn_1 * one[i] + turn_2 * other[i]);
                     else
                         share = 2 / (turn_1 * one[i] + turn_2 * other[i]);
-                    const double fuzzy = fuzz * share * (fuzz * share);
                     const double away = (behind[i] + flank->square * tried->pull[p] * share) / flank->limit;
+                    const double fuzzy = fuzz * share * (fuzz * share);
                     pays += smaller(away * away / (1 + fuzzy), 1.0);
                     product *= 1 + fuzzy;
                     if (product > 1e200) {
@@ -2113,101 +1959,45 @@ static void tangent_at(const Curve *c, double s, double *tx, double *tz)
 /* estimate_shape_errors; 0 without memory. */
 static int shape_errors(const Fitted *f, const Tried *tried, const double *u, double shift[][2], double sigma[][2])
 {
-    double gaps[MOST_SIDES][2], unseen[MOST_SIDES][2], slow[MOST_SIDES], patches[MOST_SIDES];
+    double gaps[MOST_SIDES][2], patches[MOST_SIDES];
     const Py_ssize_t corners = f->k - 1;
-    departures_beside_corners(f, shift);
+    patch_sigmas(f, patches);
+    gaps_beside_corners(f, gaps);
     for (Py_ssize_t i = 0; i < corners; i++)
         for (int j = 0; j < 2; j++) {
-            shift[i][j] *= 0.5;
-            sigma[i][j] = fabs(shift[i][j]);
+            const Py_ssize_t side = i + j;
+            double unseen = 0.0;
+            if (side > 0 && side < corners) { /* _unseen_side_shares */
+                const double length = fabs(f->places[2 * side] - f->places[2 * (side - 1) + 1]);
+                unseen = sqrt(smaller(gaps[i][j] / larger(length, 1e-9), 1.0));
+            }
+            shift[i][j] = 0.0;
+            sigma[i][j] = hypot(patches[side], UNSEEN_SIDE_SLOPE * larger(gaps[i][j] - CORNER_NEIGHBOURHOOD, 0.0) * unseen);
         }
     for (Py_ssize_t k = 1; k < corners; k++) {
         if (!f->sides[k].bead) continue;
         Pull pull;
         if (find_pull(f, tried, u, k, &pull) < 0) return 0;
         const double probability = PULL_PROBABILITY * pull.probability;
-        for (int i = 0; i < 2; i++)
-            for (int j = 0; j < 2; j++) {
-                double pulled_shift = 0.0, pulled_sigma = 0.0;
-                const Py_ssize_t c = k - 1 + i;
-                if (j == 1 - i) { /* _errors_if_pulled_in */
-                    double ax, az, bx, bz;
-                    tangent_at(&f->curves[c], f->places[2 * c], &ax, &az);
-                    tangent_at(&f->curves[c + 1], f->places[2 * c + 1], &bx, &bz);
-                    const double slope = curve_slope(&f->curves[k], f->places[2 * c + 1 - i]);
-                    const double lower = (ax * bz - az * bx) * hypot(1.0, slope), inward = pull.inward[i];
-                    const double square = probability * (pull.sigma[i] * pull.sigma[i] + inward * inward)
-                                          - probability * inward * (probability * inward);
-                    pulled_shift = probability * inward * lower;
-                    pulled_sigma = sqrt(square) * lower;
-                }
-                shift[c][j] = (1 - pull.probability) * shift[c][j] + pulled_shift;
-                sigma[c][j] = hypot((1 - pull.probability) * sigma[c][j], pulled_sigma);
-            }
-    }
-    patch_sigmas(f, patches);
-    for (Py_ssize_t j = 0; j < f->k; j++) slow[j] = hypot(undulation_sigma(f, j), patches[j]);
-    gaps_beside_corners(f, gaps);
-    for (Py_ssize_t i = 0; i < corners; i++)
-        for (int j = 0; j < 2; j++) {
-            const Py_ssize_t side = i + j;
-            unseen[i][j] = 0.0;
-            if (side > 0 && side < corners) { /* _unseen_side_shares */
-                const double length = fabs(f->places[2 * side] - f->places[2 * (side - 1) + 1]);
-                unseen[i][j] = sqrt(smaller(gaps[i][j] / larger(length, 1e-9), 1.0));
-            }
-            const double beyond = larger(gaps[i][j] - CORNER_NEIGHBOURHOOD, 0.0);
-            sigma[i][j] = hypot(hypot(sigma[i][j], slow[side]), UNSEEN_SIDE_SLOPE * beyond * unseen[i][j]);
-        }
-    for (Py_ssize_t k = 1; k < corners; k++) {
-        if (!f->sides[k].bead) continue;
-        const double length = f->places[2 * k] - f->places[2 * (k - 1) + 1], bend = fabs(f->curves[k].c2);
-        const double bow = bend * length * length / 4, slope = UNSEEN_FACE_SLOPE + bend * length / 2;
-        for (int i = 0; i < 2; i++) {
+        const double length = f->places[2 * k] - f->places[2 * (k - 1) + 1];
+        const double bow = fabs(f->curves[k].c2) * (length * length) / 4;
+        for (int i = 0; i < 2; i++) { /* _errors_if_pulled_in */
             const Py_ssize_t c = k - 1 + i;
-            const double beyond = larger(gaps[c][1 - i] - PATCH_REACH, 0.0) * unseen[c][1 - i];
-            sigma[c][1 - i] = hypot(sigma[c][1 - i], hypot(FACE_END_SHARE * bow, slope * beyond));
+            double ax, az, bx, bz;
+            tangent_at(&f->curves[c], f->places[2 * c], &ax, &az);
+            tangent_at(&f->curves[c + 1], f->places[2 * c + 1], &bx, &bz);
+            const double slope = curve_slope(&f->curves[k], f->places[2 * c + 1 - i]);
+            const double lower = (ax * bz - az * bx) * hypot(1.0, slope), inward = pull.inward[i];
+            const double square = probability * (pull.sigma[i] * pull.sigma[i] + inward * inward)
+                                  - probability * inward * (probability * inward);
+            shift[c][1 - i] = probability * inward * lower;
+            sigma[c][1 - i] = hypot(hypot(sigma[c][1 - i], sqrt(square) * lower), FACE_END_SHARE * bow);
         }
     }
     return 1;
 }
 
-/* correlated_normal_matrices of powers of s / 20 mm, of one side. */
-static void correlated_normal_matrix(const Fitted *f, Py_ssize_t j, double m[16])
-{
-    int64_t first = INT64_MAX, last = INT64_MIN;
-    memset(m, 0, 16 * sizeof(double));
-    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++)
-        if (f->keep[i]) {
-            first = f->columns[i] < first ? f->columns[i] : first;
-            last = f->columns[i] > last ? f->columns[i] : last;
-        }
-    const Py_ssize_t room = (Py_ssize_t)(last - first + 1), row = room + 2 * LONGEST_LAG;
-    double *grid = f->work, *smooth = f->work + 4 * (f->column_count + 2 * LONGEST_LAG);
-    memset(grid, 0, (size_t)(4 * row) * sizeof(double));
-    for (Py_ssize_t i = f->edges[j]; i < f->edges[j + 1]; i++) {
-        if (!f->keep[i]) continue;
-        double *at = grid + LONGEST_LAG + (f->columns[i] - first);
-        const double v = f->along[i] * (1 / SCALING_LENGTH);
-        at[0] = 1.0;
-        at[row] = v;
-        at[2 * row] = v * v;
-        at[3 * row] = v * v * v;
-    }
-    for (int a = 0; a < 4; a++) {
-        const double *from = grid + a * row + LONGEST_LAG;
-        for (Py_ssize_t i = 0; i < room; i++) smooth[i] = f->lags[0] * from[i];
-        for (Py_ssize_t lag = 1; lag < f->lag_count; lag++) {
-            const double share = f->lags[lag];
-            for (Py_ssize_t i = 0; i < room; i++) smooth[i] += share * (from[i - lag] + from[i + lag]);
-        }
-        for (int b = 0; b <= a; b++) {
-            m[4 * a + b] = m[4 * b + a] = dot(grid + b * row + LONGEST_LAG, smooth, room);
-        }
-    }
-}
-
-/* _sandwich_covariance, added with a weight. */
+/* coefficient_covariances of one side, added with a weight. */
 static void add_sandwich(
     const double *inverse, const double *meat, const double *weight, const Side *side, double share, double *total)
 {
@@ -2236,8 +2026,7 @@ static int coefficient_covariance(const Fitted *f, Py_ssize_t j, double total[16
                               SCALING_LENGTH * SCALING_LENGTH * SCALING_LENGTH};
     const double here[4] = {curve->c0, curve->c1, curve->c2, curve->c3};
     double meat[16], share = 0.0;
-    correlated_normal_matrix(f, j, meat);
-    for (int i = 0; i < 16; i++) meat[i] *= variance;
+    for (int i = 0; i < 16; i++) meat[i] = f->inflation * variance * f->matrix[16 * j + i];
     memset(total, 0, 16 * sizeof(double));
     if (f->straight && side->bend > 0)
         share = 1 / (1 + exp(f->curved[j] ? -f->straight[j] : f->straight[j]));
@@ -2336,42 +2125,39 @@ static int estimate_corners(const Fitted *f, const Tried *tried, const double *u
 
 static PyObject *corner_estimates(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    static const char letters[] = "ddiddddddbibddddiddddddbdDD";
+    static const char letters[] = "ddddddddbibddddidddddbdDD";
     enum {
-        X, Z, COLUMN, CURVE, PLACE, CORNER, ALONG, RESIDUAL, SIGMA, KEEP, EDGE, CURVED, MATRIX, RHS, INVERSE,
-        WEIGHT, COUNT, MIDDLE, LAG, STRAIGHT, PULL, REACH, DECAY, SMOOTH, MODEL, ESTIMATE, COVARIANCE, ARRAYS
+        X, Z, CURVE, PLACE, CORNER, ALONG, RESIDUAL, SIGMA, KEEP, EDGE, CURVED, MATRIX, RHS, INVERSE,
+        WEIGHT, COUNT, MIDDLE, STRAIGHT, PULL, REACH, DECAY, SMOOTH, MODEL, ESTIMATE, COVARIANCE, ARRAYS
     };
     Py_buffer v[ARRAYS];
     (void)self;
-    if (given != ARRAYS + 2) return PyErr_Format(PyExc_TypeError, "corner_estimates takes 29 arguments");
+    if (given != ARRAYS + 1) return PyErr_Format(PyExc_TypeError, "corner_estimates takes 26 arguments");
     const double inflation = PyFloat_AsDouble(args[ARRAYS]);
-    const Py_ssize_t column_count = PyLong_AsSsize_t(args[ARRAYS + 1]);
     if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
     const Py_ssize_t n = count_of(&v[X]), k = count_of(&v[CURVE]) / SIDE_VALUES, straight = count_of(&v[STRAIGHT]);
     const Tried tried = {count_of(&v[PULL]), count_of(&v[REACH]), count_of(&v[DECAY]), v[PULL].buf, v[REACH].buf,
                          v[DECAY].buf, v[SMOOTH].buf};
     const Py_ssize_t sizes[ARRAYS] = {
-        n, n, n, SIDE_VALUES * k, 2 * (k - 1), 2 * (k - 1), n, n, k, n, k + 1, k, 16 * k, 4 * k, 16 * k, 4 * k, k, k,
-        count_of(&v[LAG]), straight ? k : 0, tried.pulls, tried.reaches, tried.decays,
+        n, n, SIDE_VALUES * k, 2 * (k - 1), 2 * (k - 1), n, n, k, n, k + 1, k, 16 * k, 4 * k, 16 * k, 4 * k, k, k,
+        straight ? k : 0, tried.pulls, tried.reaches, tried.decays,
         tried.pulls * (tried.reaches + tried.decays), MODEL_VALUES * k, 2 * (k - 1), 4 * k * k};
-    int sound = k >= 2 && k <= MOST_SIDES && column_count >= 0 && tried.pulls <= MOST_PULLS && sizes[LAG] > 0
-                && sizes[LAG] <= LONGEST_LAG;
+    int sound = k >= 2 && k <= MOST_SIDES && tried.pulls <= MOST_PULLS;
     for (int i = 0; i < ARRAYS; i++) sound = sound && count_of(&v[i]) == sizes[i];
-    const int64_t *columns = v[COLUMN].buf, *edges = v[EDGE].buf;
-    for (Py_ssize_t i = 0; sound && i < n; i++) sound = columns[i] >= 0 && columns[i] < column_count;
+    const int64_t *edges = v[EDGE].buf;
     for (Py_ssize_t j = 0; sound && j < k; j++) sound = edges[j] >= 0 && edges[j] < edges[j + 1];
     sound = sound && edges[0] == 0 && edges[k] == n;
     Fitted f;
     if (sound) {
-        const Fitted given_fit = {n, k, sizes[LAG], column_count, v[X].buf, v[Z].buf, v[ALONG].buf, v[RESIDUAL].buf,
-                                  v[PLACE].buf, v[CORNER].buf, v[SIGMA].buf, v[MIDDLE].buf, v[LAG].buf,
+        const Fitted given_fit = {n, k, v[X].buf, v[Z].buf, v[ALONG].buf, v[RESIDUAL].buf,
+                                  v[PLACE].buf, v[CORNER].buf, v[SIGMA].buf, v[MIDDLE].buf,
                                   straight ? v[STRAIGHT].buf : NULL, v[MATRIX].buf, v[RHS].buf, v[INVERSE].buf,
-                                  v[WEIGHT].buf, columns, edges, v[COUNT].buf, v[KEEP].buf, v[CURVED].buf,
+                                  v[WEIGHT].buf, edges, v[COUNT].buf, v[KEEP].buf, v[CURVED].buf,
                                   v[CURVE].buf, inflation, {{0}}, NULL, NULL};
         f = given_fit;
         sound = read_sides(v[MODEL].buf, k, f.sides);
     }
-    const size_t room = (size_t)(5 * (column_count + 2 * LONGEST_LAG) + 3 * n);
+    const size_t room = 3 * (size_t)n;
     double *memory = sound ? malloc((room + (size_t)n) * sizeof(double)) : NULL;
     int done = -2;
     if (memory) {
@@ -2455,40 +2241,6 @@ static PyObject *points_beside_corners(PyObject *self, PyObject *const *args, Py
     }
     close_arrays(letters, v);
     return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
-}
-
-static PyObject *undulation_sigmas(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    static const char letters[] = "dbidibdD";
-    Py_buffer v[8];
-    (void)self;
-    if (given != 9) return PyErr_Format(PyExc_TypeError, "undulation_sigmas takes 9 arguments");
-    const double inflation = PyFloat_AsDouble(args[8]);
-    if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
-    const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[2]) - 1;
-    const int sound = are_edges(&v[2], n) && count_of(&v[1]) == n && count_of(&v[3]) == k && count_of(&v[4]) == k
-                      && count_of(&v[5]) == k && count_of(&v[6]) > 0 && count_of(&v[7]) == k;
-    double *work = sound ? malloc((size_t)n * sizeof(double)) : NULL;
-    if (work) {
-        Fitted f;
-        memset(&f, 0, sizeof f);
-        f.k = k;
-        f.residuals = v[0].buf;
-        f.keep = v[1].buf;
-        f.edges = v[2].buf;
-        f.sigmas = v[3].buf;
-        f.counts = v[4].buf;
-        f.curved = v[5].buf;
-        f.lags = v[6].buf;
-        f.lag_count = count_of(&v[6]);
-        f.inflation = inflation;
-        f.work = work;
-        for (Py_ssize_t j = 0; j < k; j++) ((double *)v[7].buf)[j] = undulation_sigma(&f, j);
-    }
-    free(work);
-    close_arrays(letters, v);
-    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
-    return work ? Py_NewRef(Py_None) : PyErr_NoMemory();
 }
 
 static PyObject *sides_that_meet(PyObject *self, PyObject *const *args, Py_ssize_t given)
@@ -2617,7 +2369,6 @@ static PyMethodDef METHODS[] = {
     {"order_points", (PyCFunction)(void (*)(void))order_points, METH_FASTCALL, NULL},
     {"costs_of_points", (PyCFunction)(void (*)(void))costs_of_points, METH_FASTCALL, NULL},
     {"points_beside_corners", (PyCFunction)(void (*)(void))points_beside_corners, METH_FASTCALL, NULL},
-    {"undulation_sigmas", (PyCFunction)(void (*)(void))undulation_sigmas, METH_FASTCALL, NULL},
     {"sides_that_meet", (PyCFunction)(void (*)(void))sides_that_meet, METH_FASTCALL, NULL},
     {"corner_estimates", (PyCFunction)(void (*)(void))corner_estimates, METH_FASTCALL, NULL},
     {"find_runs", (PyCFunction)(void (*)(void))find_runs, METH_FASTCALL, NULL},

@@ -17,7 +17,6 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.refinement import POINTS_PER_UNDULATION_BLOCK, undulation_sigmas
 from tjscan.groove.settings import FACE_BLUNTNESS, GrooveModel
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -41,8 +40,8 @@ STEEPEST_PULL: Final = 0.8
 PULL_PRIOR_ODDS: Final = 0.5
 """Odds that a notch is pulled in, before its points are looked at."""
 
-PULL_SHAPE_SIGMA: Final = 0.05
-"""A pull may differ from a raised cosine by this share, one standard deviation."""
+PULL_SHAPE_SIGMA: Final = 0.1
+"""A pull may differ from what is tried by this share, one standard deviation."""
 
 NOTCH_REGION_LENGTH: Final = 8e-3
 """Points this near a corner are looked at, in metres along its flank."""
@@ -166,7 +165,7 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
         return NO_PULL
     costs = np.array([cost for cost, _ in known])
     inward = np.array([corners for _, corners in known])[:, :, :, None]
-    inflation = fitted.noise.variance_inflation
+    inflation = fitted.variance_inflation
     weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * SMOOTH_PULLS
     total = float(weight.sum())
     odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(SMOOTH_PULLS))
@@ -273,7 +272,6 @@ def estimate_pull(row: Profile, fitted: FittedProfile, model: GrooveModel) -> tu
         In metres, and its standard deviation, infinite where nothing shows it. It may come out
         negative.
     """
-    slow = undulation_sigmas(fitted)
     closeness = closeness_to_notch(row.points, fitted.corners[-2:])
     value, information = 0.0, 0.0
     last = len(fitted.curves) - 1
@@ -292,10 +290,7 @@ def estimate_pull(row: Profile, fitted: FittedProfile, model: GrooveModel) -> tu
         expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
         basis = np.stack([s[used] ** p for p in range(4)])
         g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
-        variance = (
-            sigma**2 * fitted.noise.variance_inflation
-            + POINTS_PER_UNDULATION_BLOCK * float(slow[k]) ** 2
-        )
+        variance = sigma**2 * fitted.variance_inflation
         known = np.zeros(4)
         known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
         taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))

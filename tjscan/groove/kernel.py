@@ -19,17 +19,14 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.groove.settings import SideModel
 from tjscan.groove.sides import (
-    LONGEST_LAG,
     SCALING_LENGTH,
-    WHITE_NOISE,
     CubicCurve,
     FittedProfile,
-    NoiseCorrelation,
     Polyline,
 )
 from tjscan.laser.profile import Profile
 
-KERNEL_VERSION: Final = 2
+KERNEL_VERSION: Final = 3
 """Rises with every change of what the compiled loops take and give: sources that were updated may
 lie beside loops that were not built again."""
 
@@ -64,7 +61,7 @@ def refine_fit(
     """What `refinement.refine_fit` gives."""
     k, n = len(model), len(row)
     sizes = (8 * k, 2 * k - 2, 2 * k - 2, k, k, k, k, k, 16 * k, 4 * k, 16 * k, 4 * k)
-    ends = [0, *accumulate((*sizes, LONGEST_LAG, 1))]
+    ends = [0, *accumulate((*sizes, 1))]
     values, points, keep = np.empty(ends[-1]), np.empty((2, n)), np.empty(n, dtype=np.bool_)
     found = compiled.refine_fit(
         row.x_s,
@@ -98,7 +95,7 @@ def refine_fit(
         weight=parts[11].reshape(k, 4),
         counts=parts[4].astype(np.intp),
         middles=tuple(parts[5].tolist()),
-        noise=NoiseCorrelation(parts[12], float(parts[13][0])) if finished else WHITE_NOISE,
+        variance_inflation=float(parts[12][0]),
         straight=parts[6] if finished else None,
     )
 

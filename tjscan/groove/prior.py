@@ -69,7 +69,7 @@ def _thickness_log_prior() -> Array:
         len(SCALE_THICKNESSES), (1 - NO_SCALE_PROBABILITY) / (len(SCALE_THICKNESSES) - 1)
     )
     share[0] = NO_SCALE_PROBABILITY
-    return readonly_copy(np.log(share))
+    return readonly_copy(np.tile(np.log(share), (2, 1)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +83,8 @@ class SectionEvidence:
         Bend of wall and leg and its standard deviation, in 1/m.
     log_pulls : ndarray, shape (m,)
         Log-likelihood of each of `NOTCH_PULLS`.
-    log_thicknesses : ndarray, shape (n,)
-        Log-likelihood of each of `SCALE_THICKNESSES`.
+    log_thicknesses : ndarray, shape (2, n)
+        Log-likelihood of each of `SCALE_THICKNESSES` on wall and leg.
     form : str
         Name of the form of groove that was read; empty if this is not known.
     """
@@ -110,8 +110,8 @@ class GroovePrior:
         is known of it.
     log_pulls : ndarray, shape (m,)
         Logarithm of the probability of each of `NOTCH_PULLS`.
-    log_thicknesses : ndarray, shape (n,)
-        Logarithm of the probability of each of `SCALE_THICKNESSES`.
+    log_thicknesses : ndarray, shape (2, n)
+        Logarithm of the probability of each of `SCALE_THICKNESSES` on wall and leg.
     forms : frozenset of str
         Names of the forms of groove that the last sections had.
     """
@@ -182,13 +182,13 @@ class GroovePrior:
 
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:
-    """Probabilities of values, shape (n,), by Bayes' rule from logarithms of any offset."""
+    """Probabilities of values, shape (..., n), by Bayes' rule from logarithms of any offset."""
     return np.exp(_normalise_log_probabilities(log_prior + log_likelihood))
 
 
 def _normalise_log_probabilities(log_share: Array) -> Array:
-    log_share = log_share - log_share.max()
-    return np.asarray(log_share - np.log(np.exp(log_share).sum()))
+    log_share = log_share - log_share.max(axis=-1, keepdims=True)
+    return np.asarray(log_share - np.log(np.exp(log_share).sum(axis=-1, keepdims=True)))
 
 
 def _mix_with_base_probabilities(log_share: Array, log_base: Array) -> Array:

@@ -12,8 +12,9 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove import kernel
 from tjscan.groove.prior import GroovePrior
+from tjscan.groove.reflections import with_doubt_from_others
 from tjscan.groove.root import ROOT_NOT_SEEN, read_root
-from tjscan.groove.search import find_best_fit
+from tjscan.groove.search import find_supported_fits
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import (
     DEFAULT_SETTINGS,
@@ -100,7 +101,8 @@ def fit_groove(profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS) ->
     side to the last.
     """
     row = order_points(profile, settings)
-    fit = find_best_fit(row, settings)
+    best, *others = find_supported_fits(row, settings)
+    fit = with_doubt_from_others(best, others)
     corners, covariance = corner_estimates(fit)
     variances = np.diag(covariance)[:-2].reshape(-1, 2).max(axis=1)
     # What is not seen well has its uncertainty; one of the tops has to be known.
@@ -148,15 +150,14 @@ def _columns_by_bearing(profile: Profile) -> Index:
 
 def _fit_on_steel(row: Profile, settings: GrooveSettings, prior: GroovePrior | None) -> GrooveFit:
     """Fit with what the sections before show, as far as the profile does not contradict it."""
-    if prior is None:
-        return fit_bare_steel(find_best_fit(row, settings), None, settings.support_tolerance)
-    expected = replace(settings, model=prior.expected_model(settings.model))
+    model = prior.expected_model(settings.model) if prior else settings.model
     try:
-        fit = find_best_fit(row, expected)
-        if not _contradicts_bends(fit):
-            return fit_bare_steel(fit, prior, settings.support_tolerance)
+        best, *others = find_supported_fits(row, replace(settings, model=model))
+        if prior is None or not _contradicts_bends(best):
+            bare = fit_bare_steel(best, prior, settings.support_tolerance)
+            return with_doubt_from_others(bare, others)
     except GrooveNotFound:
-        if not np.isfinite(prior.bend_sigmas).any():
+        if prior is None or not np.isfinite(prior.bend_sigmas).any():
             raise
     unbent = replace(prior, bends=np.zeros(2), bend_sigmas=np.full(2, np.inf))
     return _fit_on_steel(row, settings, unbent)

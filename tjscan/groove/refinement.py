@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import log, sqrt
+from math import log
 from typing import Final
 
 import numpy as np
@@ -24,18 +24,19 @@ from tjscan.groove.settings import FACE_BLUNTNESS, SideModel
 from tjscan.groove.sides import (
     FIXED_WEIGHT,
     LEAST_NOISE,
-    LONGEST_LAG,
     OUTLIER_SIGMAS,
     SCALING_LENGTH,
     SCALING_LENGTH_POWERS,
     CubicCurve,
     FittedProfile,
     Index,
-    NoiseCorrelation,
     Polyline,
     corners_between_sides,
 )
 from tjscan.laser.profile import Profile
+
+LONGEST_LAG: Final = 24
+"""Lag in columns beyond which noise is taken as independent."""
 
 WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 """Largest lag of half the correlation: what stays correlated for longer is shape, not noise."""
@@ -43,27 +44,12 @@ WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 LARGEST_NOISE_SHARE_IN_FIT: Final = 0.6
 """No fit is thought to take out a greater share of the noise."""
 
-POINTS_PER_UNDULATION_BLOCK: Final = 10
-"""Points over which residuals are averaged: undulation is longer, most noise is not."""
-
-FEWEST_UNDULATION_BLOCKS: Final = 3
-"""Blocks that distinguish undulation from noise."""
-
-SIGNIFICANT_SIGMAS: Final = 3.0
-"""Standard deviations from which a departure or an undulation is none of chance."""
+CORRELATION_POWER: Final = 1.6
+"""Of the lag in the exponent: a filter's correlation has one, speckle's two."""
 
 _LOG_TWO: Final = log(2)
 _LEAST_CORRELATION: Final = 0.01  # a correlation that is as good as none
 _SHORTEST_LAG: Final = 0.15  # columns: white noise
-_CORRELATION_LAG_POWERS: Final = np.array(
-    (1.0, 2.0)
-)  # of the lag in the exponent: a filter's and speckle's
-
-GHOST_SIGMAS: Final = 0.7
-"""Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
-
-FEWEST_POINTS_OF_GHOST: Final = 3
-"""Outliers that make a run."""
 
 FEWEST_SIDE_POINTS: Final = 3
 """Points that a side can be fitted to."""
@@ -101,67 +87,15 @@ _MAD_TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian no
 _GUESSED_VARIANCE_INFLATION: Final = 4.0  # before the noise's correlation is known
 
 
-def estimate_correlation(
-    scaled: Array, columns: Index, count: int, parameters: int
-) -> NoiseCorrelation:
-    """Estimate the correlation from residuals over their own standard deviation.
-
-    It is taken as a bell, ``exp(-(lag / width)²)``, as speckle's, or as falling by the same
-    share from column to column, as a filter's, or as something between them, each in the
-    proportion in which it agrees with the first lags. Of the few hundred points of a profile only
-    some ninety are independent: too few to use the farther lags as they are.
-
-    A fit takes up the slowest part of the noise: with p parameters the residuals' correlation
-    is too small by about ``p inflation / n`` at all lags, which is put back.
-
-    Parameters
-    ----------
-    scaled : ndarray, shape (n,)
-    columns : ndarray of int, shape (n,)
-        The column of each.
-    count : int
-        Columns in all.
-    parameters : int
-        Number of coefficients that were fitted.
-    """
-    grid = np.zeros((2, count + LONGEST_LAG - 1))
-    grid[0, columns] = scaled
-    grid[1, columns] = 1.0
-    product, pairs = (np.correlate(row, row[:count]) for row in grid)
-    rho = product / np.maximum(pairs, 1.0)
-    rho = rho / max(float(rho[0]), 1e-30)
-    lags = np.zeros(LONGEST_LAG)
-    lost: Array | float = 0.0
-    for _ in range(3):
-        lags = _smooth_correlation(rho * (1 - lost) + lost, len(scaled))
-        lost = noise_share_in_fit(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
-    return NoiseCorrelation(lags, float(max(1.0, 2 * lags.sum() - 1)))
-
-
-def _smooth_correlation(rho: Array, count: int) -> Array:
-    """A smooth correlation through where the estimated one has fallen to a half."""
-    half = _lag_of_half_correlation(rho)
-    compared = min(max(int(2.5 * half), 3), LONGEST_LAG - 1)
-    shapes = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** _CORRELATION_LAG_POWERS[:, None])
-    error = ((shapes - rho)[:, 1 : compared + 1] ** 2).sum(axis=1)
-    # Neighbouring lags are off together: of those compared about three are independent.
-    variance = 2 * half / count * compared / 3
-    weight = np.exp(-0.5 * (error - error.min()) / variance)
-    return np.asarray(weight @ shapes / weight.sum())
-
-
 def _lag_of_half_correlation(rho: Array) -> float:
     """Lag at which a correlation has fallen to a half."""
     values = rho.tolist()
     k = next((i for i in range(1, LONGEST_LAG) if values[i] < 0.5), 0)
     if k == 0:
         return WIDEST_HALF_LAG
-    before = -log(min(values[k - 1], 1.0)) if k > 1 else 0.0
-    share = (_LOG_TWO - before) / (-log(max(values[k], _LEAST_CORRELATION)) - before)
-    if k == 1:
-        return max(share, _SHORTEST_LAG)
-    # A bell's logarithm is linear in the square of the lag.
-    return min(sqrt((k - 1) ** 2 + share * (2 * k - 1)), WIDEST_HALF_LAG)
+    before, after = (-log(min(max(v, _LEAST_CORRELATION), 1.0)) for v in values[k - 1 : k + 1])
+    half = k - 1 + (_LOG_TWO - before) / (after - before)
+    return min(max(half, _SHORTEST_LAG), WIDEST_HALF_LAG)
 
 
 def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike) -> Array:
@@ -180,91 +114,46 @@ def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike
     return np.asarray(np.minimum(taken, LARGEST_NOISE_SHARE_IN_FIT))
 
 
-def correlated_normal_matrices(
-    noise: NoiseCorrelation, basis: Array, counts: Index, columns: Index
-) -> Array:
-    """``B R Bᵀ`` for each side, R being the correlation of the columns of its points.
+def estimate_variance_inflation(
+    scaled: Array, columns: Index, count: int, parameters: int
+) -> float:
+    """By how much the correlation of the columns' noise raises the variance of a mean of many.
+
+    It is taken as something between a filter's and speckle's, through where it falls to a half. Of
+    the few hundred points of a profile only some ninety are independent: too few to use the
+    farther lags as they are. A fit takes up the slowest part of the noise: with p parameters the
+    residuals' correlation is too small by about ``p inflation / n`` at all lags, which is put back.
 
     Parameters
     ----------
-    basis : ndarray, shape (p, n)
-        Derivatives of a side's height by its coefficients, at its own points.
-    counts : ndarray of int, shape (k,)
-        How many of the points belong to each side, one side after the other.
+    scaled : ndarray, shape (n,)
+        Residuals over their own standard deviation.
     columns : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (k, p, p)
+        The column of each.
+    count : int
+        Columns in all.
+    parameters : int
+        Number of coefficients that were fitted.
     """
-    ends = counts.cumsum()
-    starts = ends - counts
-    first = np.minimum.reduceat(columns, starts)
-    # Sides are laid so far apart that they do not correlate.
-    room = np.maximum.reduceat(columns, starts) - first + LONGEST_LAG
-    places = columns + (room.cumsum() - room - first).repeat(counts)
-    grid = np.zeros((len(basis), room.sum()))
-    grid[:, places] = basis
-    kernel = np.concatenate((noise.lags[:0:-1], noise.lags))
-    smooth = np.array([np.convolve(row, kernel, "same") for row in grid])[:, places]
-    spans = zip(starts.tolist(), ends.tolist(), strict=True)
-    return np.array([basis[:, a:b] @ smooth[:, a:b].T for a, b in spans])
-
-
-def estimate_noise_correlation(row: Profile, fitted: FittedProfile) -> NoiseCorrelation:
-    """Estimate the correlation of the columns' noise from the residuals of all sides.
-
-    Parameters
-    ----------
-    row : Profile
-    fitted : FittedProfile
-    """
-    keep = fitted.keep
-    scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
-    return estimate_correlation(
-        scaled, row.columns[keep], row.column_count, int((2 + fitted.curved).sum())
-    )
+    grid = np.zeros((2, count + LONGEST_LAG - 1))
+    grid[0, columns] = scaled
+    grid[1, columns] = 1.0
+    product, pairs = (np.correlate(one, one[:count]) for one in grid)
+    rho = product / np.maximum(pairs, 1.0)
+    rho /= max(float(rho[0]), 1e-30)
+    inflation, lost = 1.0, np.zeros(())
+    for _ in range(3):
+        half = _lag_of_half_correlation(rho * (1 - lost) + lost)
+        lags = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** CORRELATION_POWER)
+        inflation = max(2 * float(lags.sum()) - 1, 1.0)
+        lost = noise_share_in_fit(parameters, inflation, len(scaled))
+    return inflation
 
 
 def side_noise_variances(fitted: FittedProfile) -> Array:
     """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
-    inflation = fitted.noise.variance_inflation
-    lost = noise_share_in_fit(2 + fitted.curved, inflation, fitted.counts)
+    lost = noise_share_in_fit(2 + fitted.curved, fitted.variance_inflation, fitted.counts)
     return np.asarray(fitted.sigmas**2 / (1 - lost))
-
-
-def undulation_sigmas(fitted: FittedProfile) -> Array:
-    """Standard deviation of each side's slow undulation beyond noise, (k,), metres.
-
-    Parameters
-    ----------
-    fitted : FittedProfile
-        Whose noise is known.
-    """
-    found, block = np.zeros(len(fitted.curves)), POINTS_PER_UNDULATION_BLOCK
-    if kernel.compiled is not None:
-        kernel.compiled.undulation_sigmas(
-            *(fitted.residuals, fitted.keep, np.array(fitted.edges), fitted.sigmas, fitted.counts),
-            *(fitted.curved, fitted.noise.lags, found, fitted.noise.variance_inflation),
-        )
-        return found
-    lags = fitted.noise.lags[:block]
-    # Variance of a mean of correlated points, over one point's.
-    share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2
-    for k, sigma in enumerate(np.sqrt(side_noise_variances(fitted)).tolist()):
-        side = fitted.spans[k]
-        own = fitted.residuals[side][fitted.keep[side]]
-        count = len(own) // block
-        if count < FEWEST_UNDULATION_BLOCKS:
-            continue
-        start = (len(own) - count * block) // 2
-        means = own[start : start + count * block].reshape(count, block).mean(axis=1)
-        free = max(count - (2 + int(fitted.curved[k])), 1)
-        variance = float((means**2).sum()) / free
-        expected = sigma**2 * share
-        if variance > expected * (1 + SIGNIFICANT_SIGMAS * sqrt(2 / free)):
-            found[k] = sqrt((variance - expected) * (1 + 4 / count))
-    return found
 
 
 def refine_fit(
@@ -305,7 +194,7 @@ def refine_fit(
     sigmas = np.full(len(model), tolerance / 4)
     holes = np.flatnonzero(np.abs(np.diff(row.columns)) > LEAST_COLUMNS_OF_HOLE)
     fitted: FittedProfile | None = None
-    noise: NoiseCorrelation | None = None
+    noise_is_known = False
     straight: Array | None = None
     left_out: NDArray[np.bool_] | None = None
     for count in range(MOST_REFINEMENT_ROUNDS):
@@ -320,29 +209,34 @@ def refine_fit(
             # Nearly the same curves, written over their tangents.
             rebased = map(CubicCurve.rebased_at_tangent, start.sides, fitted.middles)
             start = start._replace(sides=tuple(rebased))
-        shadows = count >= len(widths)
-        fitted = _fit_sides_once(row, start, limits, prior, curved, left_out, shadows=shadows)
+        fitted = _fit_sides_once(row, start, limits, prior, curved, left_out)
         if fitted is None:
             return None
         if any(np.abs(fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known):
             return fitted
         moved = np.abs(fitted.corners - start.corners).max() if count else np.inf
         start, sigmas = start._replace(sides=fitted.curves, corners=fitted.corners), fitted.sigmas
-        if noise is not None and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
+        if noise_is_known and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
-        if noise is None and (settling or count + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE):
-            noise = estimate_noise_correlation(row, fitted)
-            inflation = noise.variance_inflation
-            straight = _log_odds_of_straight_sides(row, replace(fitted, noise=noise), model)
+        if not noise_is_known and (settling or count + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE):
+            keep = fitted.keep
+            scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
+            parameters = int((2 + fitted.curved).sum())
+            inflation = estimate_variance_inflation(
+                scaled, row.columns[keep], row.column_count, parameters
+            )
+            noise_is_known = True
+            fitted = replace(fitted, variance_inflation=inflation)
+            straight = _log_odds_of_straight_sides(fitted, model)
             curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
             if left_out is None and len(holes):
                 left_out = _find_curled_rims(fitted, holes, bead)
                 if left_out is not None:
-                    curved, noise = curved | bead & (spread[:, 0] > 0), None
-    if fitted is None or noise is None:
+                    curved, noise_is_known = curved | bead & (spread[:, 0] > 0), False
+    if fitted is None or not noise_is_known:
         return None
-    return replace(fitted, noise=noise, straight=straight)
+    return replace(fitted, variance_inflation=inflation, straight=straight)
 
 
 def _face_bluntness(line: Polyline, model: tuple[SideModel, ...]) -> Array:
@@ -395,8 +289,6 @@ def _fit_sides_once(
     prior: tuple[Array, Array],
     curved: NDArray[np.bool_],
     left_out: NDArray[np.bool_] | None,
-    *,
-    shadows: bool,
 ) -> FittedProfile | None:
     """Who owns which point, outliers, fits, corners."""
     x, z = row.x_s, row.z_s
@@ -417,8 +309,6 @@ def _fit_sides_once(
     s, d = x * ex + z * ez - es, x * ez - z * ex - ed
     scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
     keep = np.abs(scaled) < OUTLIER_SIGMAS
-    if shadows:
-        keep = _drop_points_beside_ghosts(scaled, keep)
     if left_out is not None:
         keep &= ~left_out
 
@@ -490,21 +380,6 @@ def _residual_sigmas(
     )
 
 
-def _drop_points_beside_ghosts(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Drop points that lead over from the surface to a run of reflections beside it."""
-    if len(keep) - np.count_nonzero(keep) < FEWEST_POINTS_OF_GHOST:
-        return keep
-    beside = (scaled > GHOST_SIGMAS).view(np.int8) - (scaled < -GHOST_SIGMAS).view(np.int8)
-    starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
-    if not len(starts):
-        return keep
-    # Outliers are beside the surface themselves.
-    edges = np.empty(len(starts) + 2, dtype=np.intp)
-    edges[0], edges[1:-1], edges[-1] = 0, starts, len(keep)
-    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < FEWEST_POINTS_OF_GHOST
-    return keep & surface.repeat(np.diff(edges))
-
-
 def _find_curled_rims(
     fitted: FittedProfile, holes: Index, bead: NDArray[np.bool_]
 ) -> NDArray[np.bool_] | None:
@@ -529,26 +404,25 @@ def _find_curled_rims(
     return found
 
 
-def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:
-    """Terms that unknown bend and twist add to the equations' right-hand side, shape (k, 2)."""
-    return np.where(weight[:, 2:] < FIXED_WEIGHT, weight[:, 2:] * spread, 0.0)
-
-
-def _log_odds_of_straight_sides(
-    row: Profile, fitted: FittedProfile, model: tuple[SideModel, ...]
+def coefficient_covariances(
+    fitted: FittedProfile, inverse: Array, weight: Array, spread: Array
 ) -> Array:
+    """Covariance of each side's coefficients, shape (k, 4, 4), in powers of s / 20 mm.
+
+    Noise enters through the points, the unknown bend and twist through the prior: ``inverse
+    (sigma² inflation A + W S W) inverse``.
+    """
+    variance = fitted.variance_inflation * side_noise_variances(fitted)
+    meat = variance[:, None, None] * fitted.equations[0]
+    meat[:, (2, 3), (2, 3)] += (np.where(weight < FIXED_WEIGHT, weight, 0.0)[:, 2:] * spread) ** 2
+    return np.asarray(inverse @ meat @ inverse)
+
+
+def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     spread = prior_shape_sigmas(model)
-    keep = fitted.keep
-    u = fitted.along[keep] / SCALING_LENGTH
-    c0, c1, c2, c3 = fitted.inverse[:, 2].T.repeat(fitted.counts, axis=1)
-    # What each point adds to the bend of its side.
-    share = c0 + u * (c1 + u * (c2 + u * c3))
-    doubt = prior_uncertainty_terms(fitted.weight, spread)
-    sums = correlated_normal_matrices(fitted.noise, share[None], fitted.counts, row.columns[keep])
-    variance = side_noise_variances(fitted) * sums[:, 0, 0]
-    variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
-    variance = np.maximum(variance, 1e-30)
+    covariances = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
+    variance = np.maximum(covariances[:, 2, 2], 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * SCALING_LENGTH**2
     prior = np.maximum(spread[:, 0], 1e-15)
     odds = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)

@@ -144,15 +144,19 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     return PointRuns(first, count, jumped[:-1] | jumped[1:])
 
 
-def stretches_of_steel(runs: PointRuns, off: NDArray[np.bool_]) -> tuple[Index, Index]:
-    """First points, and those after the last ones, of stretches off a surface that join it.
+def stretches_off_surface(
+    runs: PointRuns, off: NDArray[np.bool_]
+) -> tuple[Index, Index, NDArray[np.bool_]]:
+    """Stretches of points off a surface that hang together.
 
-    They go over without a jump into the points before and after them, so they are no reflections.
+    First points, points after the last ones, and whether they go over without a jump into the
+    points before and after them, shape (2, m): what does is no reflection.
     """
-    first, stop = stretches_of_true_values(off)
-    whole = runs.first.searchsorted(first) == runs.first.searchsorted(stop, side="right")
-    whole &= stop < len(off)
-    return first[whole], stop[whole]
+    begins = np.zeros(len(off) + 1, dtype=np.bool_)
+    begins[runs.first] = begins[-1] = True
+    first = np.flatnonzero(off & (begins[:-1] | ~np.roll(off, 1)))
+    stop = np.flatnonzero(off & (begins[1:] | ~np.roll(off, -1))) + 1
+    return first, stop, ~np.array((begins[first], begins[stop]))
 
 
 def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
@@ -182,7 +186,8 @@ def _find_seam_cap(fitted: FittedProfile) -> slice:
     starts, stops = stretches_of_true_values(d > 0.3 * CAP_HEIGHT)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
-        if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
+        # What begins at the corner hides it.
+        if not (a and LEAST_CAP < width < MOST_CAP and CAP_HEIGHT < height < width / 2):
             continue
         steps = np.abs(np.diff(d[a:b]))
         if (
@@ -290,26 +295,24 @@ def share_in_long_stretches(
         How much those count that jump off the surface at both ends: `SHARE_ENDING_AT_SURFACE`
         for a side that only one end shows to go over into another.
     """
-    first, stop, hangs = _far_stretches(row, residuals)
-    if not len(first):
+    far = np.abs(residuals) > LEAST_REFLECTION_DISTANCE
+    if not far.any():
         return 0.0
+    first, stop, joins = stretches_off_surface(find_runs(row.points, row.columns), far)
     length = stop - first
     counted = length >= least
-    share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
+    share = float((length * counted) @ np.where(joins.any(axis=0), 1.0, jumping))
     return min(share / len(residuals), MOST_REFLECTION_PROBABILITY)
 
 
-def _far_stretches(row: Profile, residuals: Array) -> tuple[Index, Index, NDArray[np.bool_]]:
-    """Stretches of points far off their sides.
-
-    First points, points after the last ones, and whether they begin and end without a jump,
-    shape (2, m).
-    """
-    first, stop = stretches_of_true_values(np.abs(residuals) > LEAST_REFLECTION_DISTANCE)
-    cut = np.zeros(len(residuals) + 2, dtype=np.bool_)
-    if len(first):
-        cut[find_runs(row.points, row.columns).first] = cut[len(residuals)] = True
-    return first, stop, ~np.array((cut[first], cut[stop]))
+def is_outnumbered(row: Profile, fitted: FittedProfile, k: int) -> bool:
+    """Whether more points that hang together lie off side k, in its place, than any do on it."""
+    runs = find_runs(row.points, row.columns)
+    own = fitted.spans[k]
+    run = np.arange(len(runs.first)).repeat(runs.count)[own]
+    on = fitted.points_on_sides[own]
+    most_on, most_off = (int(np.bincount(run[one], minlength=1).max()) for one in (on, ~on))
+    return most_off >= min(most_on, int(fitted.counts[k]))
 
 
 def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
@@ -340,8 +343,7 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
     Points that hang together with those before and after them are no reflections. If they are
-    several, thicker than scale, and begin at a corner, it may be at any of them. Beads leave
-    their sides.
+    several, thicker than scale, and begin at a corner, it may be at any of them.
     """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
@@ -349,15 +351,21 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     if np.count_nonzero(off) < FEWEST_HIDING:
         return covariance
     runs = find_runs(fit.row.points, fit.row.columns)
-    for a, b in zip(*stretches_of_steel(runs, off), strict=True):
+    first, stop, joins = stretches_off_surface(runs, off)
+    steel = joins.all(axis=0)
+    for a, b in zip(first[steel], stop[steel], strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         for i, corner in enumerate(fitted.corners):
             away = fit.row.points[a:b] - corner
-            near = min(float(np.hypot(*away[0])), float(np.hypot(*away[-1]))) < MEETING_REACH
-            if near and not (sides[i].bead or sides[i + 1].bead):
-                own = slice(2 * i, 2 * i + 2)
-                covariance[own, own] += away.T @ away / len(away)
+            ends = np.hypot(*away[[0, -1]].T)
+            if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
+                # A bead behind which steel is seen at one end is not there at the other, either.
+                behind = fitted.residuals[a] > 0
+                others = [j for j in (i - 1, i + 1) if behind and sides[max(i, j)].bead]
+                for j in (i, *others):
+                    own = slice(2 * j, 2 * j + 2)
+                    covariance[own, own] += away.T @ away / len(away)
     return covariance
 
 

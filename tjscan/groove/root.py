@@ -14,7 +14,9 @@ from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
     LEAST_REFLECTION_DISTANCE,
     MEETING_REACH,
+    MOST_REFLECTION_PROBABILITY,
     SHARE_ENDING_AT_SURFACE,
+    is_outnumbered,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
@@ -247,9 +249,10 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
-    if all(meets):
-        return found
     points = int(fitted.counts[-2])
+    outnumbered = is_outnumbered(fit.row, fitted, -2)
+    if all(meets) and not outnumbered:
+        return found
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
     gaps = gaps_beside_corners(fitted)[-2:]
@@ -260,6 +263,8 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
         probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=jumping)
         if not any(meets):
             probability *= REFLECTION_DENSITY_IN_NOTCH
+        if outnumbered:
+            probability = MOST_REFLECTION_PROBABILITY
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
         far = near + (FARTHEST_ROOT_DISTANCE if k == 0 else -FARTHEST_ROOT_DISTANCE)
@@ -386,7 +391,7 @@ def _column_spacing_along_bevel(
 def _height_variances(fitted: FittedProfile) -> Array:
     """Variance of each side's height at one of its ends, in m², shape (k,)."""
     # A line's height at its end is known half as well as in its middle.
-    share = np.minimum(4 * fitted.noise.variance_inflation / fitted.counts, 1.0)
+    share = np.minimum(4 * fitted.variance_inflation / fitted.counts, 1.0)
     return np.asarray(fitted.sigmas**2 * share)
 
 

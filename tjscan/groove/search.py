@@ -26,8 +26,8 @@ from tjscan.groove.chains import (
     ChainSearch,
 )
 from tjscan.groove.pieces import find_pieces, project_points
-from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
-from tjscan.groove.reflections import find_runs, stretches_of_steel, with_doubt_from_others
+from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
+from tjscan.groove.reflections import find_runs, stretches_off_surface
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
     LEAST_SIDES,
@@ -86,12 +86,9 @@ one bead of several may look like the face of a root, if the steel of the others
 LEAST_SHARE_ON_SIDE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
-STRAIGHT_UNDULATION: Final = 0.08e-3
-"""A side that undulates by more, in metres, may be two."""
 
-
-def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
-    """Find the likeliest fit that its points support, however uncertain its corners.
+def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFit]:
+    """Find the fits that their points support, the likeliest first, however uncertain its corners.
 
     Parameters
     ----------
@@ -113,8 +110,7 @@ def find_best_fit(row: Profile, settings: GrooveSettings) -> GrooveFit:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
     if any(fit.model.sides[-2].roughness for fit in supported):
         supported = sorted(map(search.charge_for_steel, supported), key=lambda fit: fit.cost)
-    best, *others = supported
-    return with_doubt_from_others(best, others)
+    return supported
 
 
 class _FitSearch:
@@ -148,8 +144,9 @@ class _FitSearch:
         Beside many reflections some join the surface by chance: then nothing is charged.
         """
         off = _costs_of_points_on_sides(fit.fitted, fit.model, self.tolerance) >= 1
-        first, stop = stretches_of_steel(self._runs, off)
-        steel = float((stop - first)[stop - first >= FEWEST_STEEL_POINTS].sum())
+        first, stop, joins = stretches_off_surface(self._runs, off)
+        length = (stop - first)[joins.all(axis=0)]
+        steel = float(length[length >= FEWEST_STEEL_POINTS].sum())
         charged = steel > MOST_OF_OUTLIERS * np.count_nonzero(off)
         return replace(fit, cost=fit.cost + UNEXPLAINED_STEEL_COST * steel * charged)
 
@@ -278,15 +275,10 @@ def _turn_between(before: tuple[float, float], after: tuple[float, float]) -> fl
 def _is_convincing(found: GrooveFit) -> bool:
     """Whether it needs no comparison with other forms.
 
-    Every corner is seen from both sides, every side is seen well, and none between wall and leg
-    undulates.
+    Every corner is seen from both sides, and every side is seen well.
     """
     fitted = found.fitted
-    return (
-        bool(found.seen.all())
-        and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
-        and float(undulation_sigmas(fitted)[1:-1].max()) <= STRAIGHT_UNDULATION
-    )
+    return bool(found.seen.all()) and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
 
 
 def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:

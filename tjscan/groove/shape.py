@@ -9,7 +9,7 @@ their corners.
 from __future__ import annotations
 
 from math import hypot, sqrt
-from statistics import median, median_high
+from statistics import median
 from types import ModuleType
 from typing import Final
 
@@ -27,15 +27,11 @@ from tjscan.groove.interreflection import (
     find_pull,
 )
 from tjscan.groove.refinement import (
-    SIGNIFICANT_SIGMAS,
-    correlated_normal_matrices,
+    coefficient_covariances,
     prior_shape_means,
     prior_shape_sigmas,
-    prior_uncertainty_terms,
     prior_weights,
-    side_noise_variances,
     solve_with_prior,
-    undulation_sigmas,
 )
 from tjscan.groove.settings import SideModel
 from tjscan.groove.sides import (
@@ -48,12 +44,6 @@ from tjscan.laser.profile import Profile
 
 CORNER_NEIGHBOURHOOD: Final = 1.5e-3
 """Points this near a corner, in metres along their side, belong to its neighbourhood."""
-
-LEAST_REFLECTION_OFFSET: Final = 2.0e-3
-"""Farther from its side a point is a reflection, in metres."""
-
-FEWEST_BESIDE_CORNER: Final = 4
-"""Points that show a departure."""
 
 PATCH_REACH: Final = 0.6e-3
 """Points this near a side, in metres, are of its surface or of what sticks to it."""
@@ -76,27 +66,15 @@ bevel may have, and as often it does not."""
 PULL_PROBABILITY: Final = 0.5
 """Probability that a notch which looks pulled in by light is, and no fillet."""
 
-UNSEEN_FACE_SLOPE: Final = 0.15
-"""Slope by which the face of a bead may turn if it is not seen: it has no plan."""
-
-LARGEST_STEP_ON_SURFACE: Final = 0.7e-3
-"""Neighbouring points of one surface lie no farther apart, square to it, in metres."""
-
 FACE_END_SHARE: Final = 0.1
 """A bead's face is no parabola: its ends may lie off one by this share of its height. One that
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
-
-_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over a mean's
 
 
 def estimate_shape_errors(
     row: Profile, fitted: FittedProfile, model: tuple[SideModel, ...]
 ) -> tuple[Array, Array]:
     """Estimate what the sides' shapes add to the errors of their corners.
-
-    Where points beside a corner leave a side together, either the surface does, and the corner
-    is there, or something hides it, and the corner is where the sides meet. The middle
-    between both is off by half the departure either way.
 
     Parameters
     ----------
@@ -114,18 +92,9 @@ def estimate_shape_errors(
     ndarray, shape (k - 1, 2)
         Standard deviation about that, beyond what noise explains, in metres.
     """
-    slow = undulation_sigmas(fitted)
-    left = departures_beside_corners(fitted, model)
-    shift, sigma = 0.5 * left, 0.5 * np.abs(left)
-    for k, side in enumerate(model):
-        if side.bead:
-            pull, own = find_pull(row, fitted, k), slice(k - 1, k + 1)
-            pulled_shift, pulled_sigma = _errors_if_pulled_in(fitted, k, pull)
-            # What a pull explains leaves its side for no other reason.
-            shift[own] = (1 - pull.probability) * shift[own] + pulled_shift
-            sigma[own] = np.hypot((1 - pull.probability) * sigma[own], pulled_sigma)
-    slow = np.hypot(slow, _patch_sigmas(fitted))
-    sigma = np.hypot(sigma, np.column_stack((slow[:-1], slow[1:])))
+    shift = np.zeros((len(fitted.corners), 2))
+    patches = _patch_sigmas(fitted)
+    sigma = np.column_stack((patches[:-1], patches[1:]))
     gaps = gaps_beside_corners(fitted)
     unseen = _unseen_side_shares(fitted, gaps)
     sigma = np.hypot(
@@ -133,15 +102,13 @@ def estimate_shape_errors(
     )
     for k, side in enumerate(model):
         if side.bead:
-            ends = np.array((fitted.places[k - 1][1], fitted.places[k][0]))
-            bow = abs(fitted.curves[k].c2) * (ends[1] - ends[0]) ** 2 / 4
-            # Beyond its last points a face goes on with a slope that these hardly know.
-            slope = UNSEEN_FACE_SLOPE + abs(fitted.curves[k].c2) * (ends[1] - ends[0]) / 2
-            beyond = (
-                np.maximum(gaps[(k - 1, k), (1, 0)] - PATCH_REACH, 0.0) * unseen[(k - 1, k), (1, 0)]
+            own = slice(k - 1, k + 1)
+            shift[own], pulled = _errors_if_pulled_in(fitted, k, find_pull(row, fitted, k))
+            bow = (
+                abs(fitted.curves[k].c2) * (fitted.places[k][0] - fitted.places[k - 1][1]) ** 2 / 4
             )
-            free = np.hypot(FACE_END_SHARE * bow, slope * beyond)
-            sigma[(k - 1, k), (1, 0)] = np.hypot(sigma[(k - 1, k), (1, 0)], free)
+            free = FACE_END_SHARE * bow * np.array(((0, 1), (1, 0)))
+            sigma[own] = np.hypot(np.hypot(sigma[own], pulled), free)
     return shift, sigma
 
 
@@ -201,58 +168,6 @@ def gaps_beside_corners(fitted: FittedProfile) -> Array:
             dense = end_of_support(seen)
             found[i, j] = away[seen].min() if dense == 0 else away[:dense][seen[:dense]].min()
     return found
-
-
-def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
-    """How far points beside each corner depart from its sides, shape (k - 1, 2), in metres.
-
-    Parameters
-    ----------
-    fitted : FittedProfile
-        k sides, whose noise is known.
-    model : tuple of SideModel
-        What they are like.
-    """
-    sigmas = np.sqrt(side_noise_variances(fitted))
-    found = np.zeros((len(fitted.corners), 2))
-    chance = np.ones_like(found)
-    edges = fitted.edges
-    near = np.abs(fitted.residuals) < LEAST_REFLECTION_OFFSET
-    for i, places in enumerate(fitted.places):
-        for j, s in enumerate(places):
-            a, b = edges[i + j], edges[i + j + 1]
-            # Columns are far apart on a steep side.
-            most = min(FEWEST_BESIDE_CORNER + 2, b - a)
-            away = np.abs((fitted.along[a : a + most] if j else fitted.along[b - most : b]) - s)
-            reach = min(max(CORNER_NEIGHBOURHOOD, float(away.max())), 2 * CORNER_NEIGHBOURHOOD)
-            beside = near[a:b] & (np.abs(fitted.along[a:b] - s) <= reach)
-            residuals = fitted.residuals[a:b][beside]
-            n = len(residuals)
-            if n < FEWEST_BESIDE_CORNER or _has_jump(residuals):
-                continue
-            # Before the corner the row ends at it, after it the row begins there.
-            inward = (residuals if j else residuals[::-1]).tolist()
-            inner, outer = median_high(inward[: n // 2]), median_high(inward[n // 2 :])
-            if abs(outer) > abs(inner) + SIGNIFICANT_SIGMAS * sigmas[i + j]:
-                continue  # a reflection that grows out of the corner
-            found[i, j] = median_high(inward)
-            share = sqrt(min(1.0, fitted.noise.variance_inflation / n))
-            chance[i, j] = _MEDIAN_OVER_MEAN * sigmas[i + j] * share
-    ratio = found / chance
-    significant = np.abs(ratio) > SIGNIFICANT_SIGMAS
-    for k, side in enumerate(model):
-        # Both flanks of a notch that are pulled in show it together.
-        both = ratio[k - 1, 0], ratio[min(k, len(ratio) - 1), 1]
-        if side.bead and max(both) < 0 and sum(both) < -SIGNIFICANT_SIGMAS * sqrt(2):
-            significant[k - 1, 0] = significant[k, 1] = True
-    return np.where(significant, found, 0.0)
-
-
-def _has_jump(residuals: Array) -> bool:
-    """Whether a row of residuals jumps, as reflections do, single points apart."""
-    a, b, c = residuals[:-2], residuals[1:-1], residuals[2:]
-    middle = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
-    return bool(np.abs(np.diff(middle)).max(initial=0.0) > LARGEST_STEP_ON_SURFACE)
 
 
 def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> tuple[Array, Array]:
@@ -340,14 +255,13 @@ def _compiled_estimates(compiled: ModuleType, fit: GrooveFit) -> tuple[Array, Ar
     straight = fitted.straight if fitted.straight is not None else np.empty(0)
     corners, covariance = np.empty((k - 1, 2)), np.empty((2 * k, 2 * k))
     sound = compiled.corner_estimates(
-        *(row.x_s, row.z_s, row.columns),
-        *(np.array(fitted.curves), np.array(fitted.places), fitted.corners),
+        *(row.x_s, row.z_s, np.array(fitted.curves), np.array(fitted.places), fitted.corners),
         *(fitted.along, fitted.residuals, fitted.sigmas, fitted.keep, np.array(fitted.edges)),
         *(fitted.curved, *fitted.equations, fitted.inverse, fitted.weight, fitted.counts),
-        *(np.array(fitted.middles), fitted.noise.lags, straight),
+        *(np.array(fitted.middles), straight),
         *(TRIED_NOTCH_PULLS, TRIED_PULL_REACHES, TRIED_PULL_DECAYS, SMOOTH_PULLS),
         *(kernel.model_values(fit.model.sides), corners, covariance),
-        *(fitted.noise.variance_inflation, row.column_count),
+        fitted.variance_inflation,
     )
     if not sound:
         raise np.linalg.LinAlgError("the points of a side do not show it")
@@ -357,39 +271,23 @@ def _compiled_estimates(compiled: ModuleType, fit: GrooveFit) -> tuple[Array, Ar
 def _coefficient_covariances(fit: GrooveFit) -> Array:
     """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
 
-    Noise enters through the points, the unknown bend and twist through the prior: ``inverse
-    (sigma² B R Bᵀ + W S W) inverse``. Whether a side is straight is not certain either: what
-    was not chosen, with its own coefficients, counts by how likely it is (Bayesian model
-    averaging).
+    Whether a side is straight is not certain: what was not chosen, with its own coefficients,
+    counts by how likely it is (Bayesian model averaging).
     """
     fitted, sides = fit.fitted, fit.model.sides
     spread, expected = prior_shape_sigmas(sides), prior_shape_means(sides)
-    keep = fitted.keep
-    u = fitted.along[keep] / SCALING_LENGTH_POWERS[1]
-    basis = np.empty((4, len(u)))
-    basis[0], basis[1] = 1.0, u
-    np.multiply(u, u, out=basis[2])
-    np.multiply(basis[2], u, out=basis[3])
-    meat = correlated_normal_matrices(fitted.noise, basis, fitted.counts, fit.row.columns[keep])
-    meat *= side_noise_variances(fitted)[:, None, None]
     bends = spread[:, 0] > 0
     here = SCALING_LENGTH_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
-    total = _sandwich_covariance(fitted.inverse, meat, fitted.weight, spread)
+    total = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     if fitted.straight is not None:
         other = prior_weights(
-            spread, bends & ~fitted.curved, fitted.sigmas, fitted.noise.variance_inflation
+            spread, bends & ~fitted.curved, fitted.sigmas, fitted.variance_inflation
         )
         there, inverse = solve_with_prior(fitted.equations, other, expected)
         away = there - here
         odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
         share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]
         total *= 1 - share
-        total += share * _sandwich_covariance(inverse, meat, other, spread)
+        total += share * coefficient_covariances(fitted, inverse, other, spread)
         total += share * away[:, :, None] * away[:, None]
     return np.asarray(total / (SCALING_LENGTH_POWERS[:, None] * SCALING_LENGTH_POWERS))
-
-
-def _sandwich_covariance(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:
-    meat = meat.copy()
-    meat[:, (2, 3), (2, 3)] += prior_uncertainty_terms(weight, spread) ** 2
-    return np.asarray(inverse @ meat @ inverse)

@@ -25,9 +25,6 @@ Index = NDArray[np.intp]
 OUTLIER_SIGMAS: Final = 3.3
 """Residuals beyond this many standard deviations are outliers."""
 
-LONGEST_LAG: Final = 24
-"""Lag in columns beyond which noise is taken as independent."""
-
 LEAST_NOISE: Final = 4e-6
 """Least standard deviation that a threshold rests on, in metres: shape, not noise."""
 
@@ -193,26 +190,6 @@ class Polyline(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NoiseCorrelation:
-    """Correlation of the noise between columns of a profile, by their distance.
-
-    Parameters
-    ----------
-    lags : ndarray, shape (m,)
-        Correlation of columns 0, 1, 2 … apart.
-    variance_inflation : float
-        By how much it raises the variance of a mean of many points.
-    """
-
-    lags: Array
-    variance_inflation: float
-
-
-WHITE_NOISE: Final = NoiseCorrelation(np.ones(1), 1.0)
-"""Noise without any correlation."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class FittedProfile:
     """k fitted sides and the corners between them.
 
@@ -249,8 +226,8 @@ class FittedProfile:
         Number of points that each side's fit rests on.
     middles : tuple of float
         Mean s of the points that each side's fit rests on.
-    noise : NoiseCorrelation
-        How the residuals of neighbouring columns correlate.
+    variance_inflation : float
+        By how much the correlation of neighbouring columns raises the variance of a mean of many.
     straight : ndarray, shape (k,), optional
         Logarithm of the odds that a side is straight; None if this is not estimated.
     """
@@ -270,7 +247,7 @@ class FittedProfile:
     weight: Array
     counts: Index
     middles: tuple[float, ...]
-    noise: NoiseCorrelation = WHITE_NOISE
+    variance_inflation: float = 1.0
     straight: Array | None = None
 
     def kept_along(self, k: int) -> Array:

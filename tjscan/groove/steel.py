@@ -26,7 +26,6 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
-from tjscan.groove.reflections import reflection_probability
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -56,13 +55,9 @@ BLOCK_UNDULATION: Final = 0.02e-3
 STEEPEST_SLOPE_UNDER_SCALE: Final = 0.06
 """Slope against the fitted side that the steel under scale may have."""
 
-TRIED_BEND_SIGMAS: Final = np.linspace(-1.5, 1.5, 7)
-LARGEST_EXPECTED_BEND: Final = 1.0
-"""Bends that are tried, in standard deviations about the expected one; and the largest one of
-these, in 1/m, with which a side is looked at."""
-
-MOST_TRIED_LINES: Final = 80
-"""Lines that are tried."""
+MOST_TRIED_SURFACES: Final = 240
+TRIED_MIDDLES: Final = (0.35, 0.5, 0.65)
+"""Most surfaces that are tried through three blocks, and where the second is between the others."""
 
 STRAY_BLOCK_COST: Final = 9.0
 """What a block costs that lies on neither level, in squared standard deviations."""
@@ -87,7 +82,7 @@ LEAST_SCALE_STEP: Final = 0.12e-3
 """Points of which medians are compared, how many steps from one to the next show scale in a single
 profile, and how high these are, in metres: a wave of 0.2 mm in 10 mm rises by less."""
 
-MOST_STEEL_ROUNDS: Final = 5
+MOST_STEEL_ROUNDS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,24 +202,20 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
     blocks = near[: count * POINTS_PER_SCALE_BLOCK].reshape(count, POINTS_PER_SCALE_BLOCK)
     along, heights = s[blocks].mean(axis=1), np.median(d[blocks], axis=1)
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
-    correlated = min(fitted.noise.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
+    correlated = min(fitted.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
     sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
-    known = side.expected_bend is not None or side.bend < LARGEST_EXPECTED_BEND
-    expected = (side.expected_bend or 0.0) if known else base.c2
-    bend_sigma = min(side.bend, LARGEST_EXPECTED_BEND)
-    i, j = np.triu_indices(count, max(2, count // 4))
-    every = -(-len(i) // MOST_TRIED_LINES)
-    i, j = i[::every], j[::every]
-    bends = expected + bend_sigma * TRIED_BEND_SIGMAS
-    flat = heights - bends[:, None] * along**2
-    slope = (flat[:, j] - flat[:, i]) / (along[j] - along[i])
-    level = flat[:, i] - slope * along[i]
-    usual = np.abs(slope) < STEEPEST_SLOPE_UNDER_SCALE
-    which, line = usual.nonzero()
-    if not len(which):
-        return None
-    surfaces = np.column_stack((level[which, line], slope[which, line], bends[which]))
-    # What was fitted is one of them: between the bends that are tried it may fit much better.
+    expected, bend_sigma = side.expected_bend or 0.0, side.bend
+    # Parabolas through three blocks each, as far apart as can be and evenly drawn.
+    a, c = np.triu_indices(count, max(2, count // 3))
+    every = -(-len(a) // MOST_TRIED_SURFACES)
+    a, c = a[::every], c[::every]
+    b = np.clip(a + (c - a) * np.resize(TRIED_MIDDLES, len(a)), a + 1, c - 1).astype(np.intp)
+    sa, sb, sc = along[a], along[b], along[c]
+    first = (heights[b] - heights[a]) / (sb - sa)
+    bend = ((heights[c] - heights[b]) / (sc - sb) - first) / (sc - sa)
+    slope = first - bend * (sa + sb)
+    surfaces = np.column_stack((heights[a] - sa * (slope + sa * bend), slope, bend))
+    surfaces = surfaces[np.abs(surfaces[:, 1]) < STEEPEST_SLOPE_UNDER_SCALE]
     surfaces = np.vstack((surfaces, (base.c0, base.c1, base.c2)))
     off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
@@ -268,15 +259,15 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    if prior is None and (
-        reflection_probability(fit.fitted) > MOST_REFLECTED_BESIDE_SCALE
-        or not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))
-    ):
+    if prior is None and (not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))):
         return fit
-    fit, back = _fit_without_scale(fit, prior, tolerance)
+    bare, back = _fit_without_scale(fit, prior, tolerance)
+    if np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance:
+        # From there scale is seen that was too far off before.
+        bare, back = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
     if prior is None or not fit.model.has_root_bead:
-        return fit
-    return _fit_without_pull(fit, back, prior, tolerance)
+        return bare
+    return _fit_without_pull(bare, back, prior, tolerance)
 
 
 def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
@@ -305,20 +296,19 @@ def _fit_without_scale(
         seen = find_side_with_scale(fit, k, pulled * square)
         if seen is not None:
             scaled[k] = seen
-    log_thicknesses = np.zeros(len(SCALE_THICKNESSES))
-    for seen in scaled.values():
-        log_thicknesses = log_thicknesses + seen.log_likelihoods
-    thickness = _mean_if_present(
-        SCALE_THICKNESSES, posterior((prior or GroovePrior()).log_thicknesses, log_thicknesses)
-    )
+    known = (prior or GroovePrior()).log_thicknesses
+    log_thicknesses = np.zeros((2, len(SCALE_THICKNESSES)))
     covariance = np.zeros((2 * last + 2,) * 2)
     back = np.zeros(len(row.points))
     bends, sigmas = np.zeros(2), np.full(2, np.inf)
     curves = list(fitted.curves)
     for k, seen in scaled.items():
-        own = fitted.spans[k]
+        own, side = fitted.spans[k], int(k > 0)
+        log_thicknesses[side] = seen.log_likelihoods
+        probability = posterior(known[side], log_thicknesses[side])
+        thickness = _mean_if_present(SCALE_THICKNESSES, probability)
         steel = seen.find_steel(thickness)
-        bends[int(k > 0)], sigmas[int(k > 0)] = steel.bend, steel.bend_sigma
+        bends[side], sigmas[side] = steel.bend, steel.bend_sigma
         if not thickness:
             continue
         back[own] = steel.on_scale * thickness / seen.base.chord_sines_with_rays(row.points[own])

@@ -76,7 +76,7 @@ def find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
         if met is not None and abs(met[0] - start) < TOE_REACH:
             tangent = np.array(curve.tangent_at(met[0]))
             sine = abs(float(tangent[0] * direction[1] - tangent[1] * direction[0]))
-            share = 4 * min(fitted.noise.variance_inflation / len(beside), 1.0)
+            share = 4 * min(fitted.variance_inflation / len(beside), 1.0)
             sigma = sqrt(share * max(spread[0], 0.0)) / sine + LEAST_TOE_SIGMA
             # If the flank ends well before, an undercut or a hole hides the toe.
             return met[0], sigma + max(abs(met[0] - start) - SEEN_TOE_DISTANCE, 0.0), first

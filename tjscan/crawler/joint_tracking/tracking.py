@@ -17,7 +17,7 @@ from tjscan.crawler.joint_tracking import edge_lines, registration
 from tjscan.crawler.joint_tracking.edge_lines import BEVEL_LINES, PLATE_LINES, EdgeLines
 from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
 from tjscan.groove.read import LEAST_DEPTH, fit_groove
-from tjscan.groove.refinement import estimate_correlation
+from tjscan.groove.refinement import estimate_variance_inflation
 from tjscan.groove.settings import BUTT_V, GrooveSettings
 from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile, ProfileRepeats
@@ -321,11 +321,10 @@ class JointTracker:
             self._noise += WEIGHT_OF_NEW_PROFILE * (noise - self._noise)
             if self._count % PROFILES_PER_CORRELATION == 0:
                 order = np.argsort(columns[on])
-                correlation = estimate_correlation(
+                inflation = estimate_variance_inflation(
                     residuals[on][order] / noise, columns[on][order], row.count, 4
                 )
-                more = correlation.variance_inflation - self._inflation
-                self._inflation += WEIGHT_OF_NEW_PROFILE * more
+                self._inflation += WEIGHT_OF_NEW_PROFILE * (inflation - self._inflation)
         self._width += share * (width - self._width)
         angles = lines.angles
         against = angles[BEVEL_LINES] - angles[PLATE_LINES].mean()
