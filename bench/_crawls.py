@@ -36,6 +36,9 @@ NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 UNEVENNESS: Final = 0.02e-3
 """Metres: standard deviation by which the plates' edges wander, which no reading states."""
 
+EDGE_LENGTH: Final = 5e-3
+"""Metres of the joint for which its edges are off alike."""
+
 RUN_UP: Final = 0.4
 """Metres of each pass before the arc."""
 
@@ -149,7 +152,7 @@ class _NoisyJoint:
     def __init__(self, cell: CrawlCell, crawl: Crawl, seed: int) -> None:
         assert cell.world is not None
         self._world, self._crawl = cell.world, crawl
-        self._rng = np.random.default_rng([seed, 9])
+        self._rng, self._seed = np.random.default_rng([seed, 9]), seed
         self._blind = 0
 
     def __enter__(self) -> Self:
@@ -171,7 +174,8 @@ class _NoisyJoint:
         assert self._world.job.simulation is not None
         _, d = laser_offset(self._world.job.simulation.joint, *place)
         noise = self._crawl.noise
-        off = np.hypot(noise, UNEVENNESS) * self._rng.standard_normal()
+        edges = np.random.default_rng([self._seed, 10, int(place[0] // EDGE_LENGTH) % 2**32])
+        off = UNEVENNESS * edges.standard_normal() + noise * self._rng.standard_normal()
         return JointPlacement(centre=-d + off, hull_z=0.0, roll=0.0, centre_sigma=noise)
 
 

@@ -25,6 +25,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.run import make_tow
 from tjscan.runs.tow.study import InMemoryTowJournal
 from tjscan.towing.loop import PLAN_PERIOD
+from tjscan.towing.standstill import SHORTEST_JUDGED_WINDOW
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
 from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
@@ -327,7 +328,8 @@ def is_disturbance_named_right(seed: int) -> tuple[bool, str, DisturbedTow]:
     """Whether a drawn disturbance is named, and no other vehicle is blamed; and words.
 
     The kinds follow each other; vehicle, size, place on the seam, time and yard are drawn. What is
-    wrong with drives that never matters need not be named.
+    wrong with drives that never matters need not be named, nor what matters within the last 3 s of
+    a tow that is complete: no motion is judged sooner.
     """
     rng = np.random.default_rng([seed, 32])
     name = list(DISTURBANCES)[seed % len(DISTURBANCES)]
@@ -351,7 +353,8 @@ def is_disturbance_named_right(seed: int) -> tuple[bool, str, DisturbedTow]:
         blamed = {f"vehicle {number}" for number in range(1, job.vehicles.count + 1)}
     elif name == "poses swapped":
         blamed.add(f"vehicle {(v ^ 1) + 1}")
-    missed = blamed - set(found) if matters < tow.journal.cycles[-1].time else set()
+    left = tow.journal.cycles[-1].time - matters
+    missed = blamed - set(found) if left > (0.0 if tow.ended else SHORTEST_JUDGED_WINDOW) else set()
     right = set(found) <= blamed and not missed
     right &= all(bool(causes & expected) for causes in found.values())
     when = f"matters after {matters - begins:.1f} s"

@@ -15,11 +15,11 @@ from _stopwatch import USUAL, Stopwatch
 from _table import Row
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import Floor, Obstacles
+from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import LimitedProblem
-from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PoseAccuracy, TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner, optimise_without_limits
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.shape.start import search_shape, start_shapes
@@ -32,6 +32,8 @@ DT, STEP = 0.1, 0.001
 """Of V-C: plans at 10 Hz, the welder at 600 mm/min."""
 
 YARD: Final = Floor([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
+WIDE: Final = Floor([(-10, -10), (10, -10), (10, 10), (-10, 10)])
+
 BLOCK: Final = 20
 """Plans that are timed together."""
 
@@ -115,8 +117,10 @@ def rate_rows() -> list[Row]:
         float(min(p.held_poses[:-1, 0].min(), 2.6 - p.held_poses[:-1, 0].max())) for p in plans
     )
     near = LimitSettings(link_clearance=0.02, vehicle_clearance=nearest - 0.15 + PRESSED)
-    tight = PlannerSettings(limits=near)
-    pressed, tight_plans = Tow(TowingPlanner(Cable(), TowingTeam(), YARD, tight), y=-1.5).timed(200)
+    tight = PlannerSettings(limits=near, trust=PoseAccuracy(0.5e-3, float(np.radians(0.1))))
+    pressed, tight_plans = Tow(
+        TowingPlanner(Cable(friction=0.0), TowingTeam(), YARD, tight), y=-1.5
+    ).timed(200)
     share = 100 * float(np.mean([bool(p.limits) and not is_stopped(p) for p in tight_plans]))
     return [
         Row("reference task in the same run", 1e3 * USUAL * free.slowdown, inf, "ms"),
@@ -197,6 +201,32 @@ def random_shape(rng: np.random.Generator) -> Array:
     return np.asarray(0.08 * (rng.normal(size=(3, 1)) * waves).sum(axis=0))
 
 
+def weight_rows() -> list[Row]:
+    """V-B: how far the shape goes from where it was for a point beside it, by the printed weights.
+
+    It was the best one without that point. The paper shows shapes, and states no figures: with no
+    weight of change the shape goes far, with a weight of 1 it stays near.
+    """
+    pose, away = np.array((5.0, 0.0, -pi / 4)), [DiscObstacle(4.2, 1.0, 1e-3)]
+    free = LimitSettings(link_clearance=0.0, vehicle_clearance=0.0)
+    ways = []
+    for change in (0.0, 1.0):
+        weights = WeightSettings(bending=24, distance=75, change=change, pace=0.0)
+        planner = TowingPlanner(Cable(), TowingTeam(), WIDE, PlannerSettings(weights, limits=free))
+        before = planner.start(pose)
+        problem = planner.limited_problem(
+            before.angles, PlanInputs(before.held_poses, pose, DT, None, away)
+        ).problem
+        angles, _ = optimise_without_limits(problem)
+        step = (problem.cable.poses(angles) - before.link_poses)[:, :2]
+        ways.append(1e3 * float(np.hypot(*step.T).mean()))
+    name = "V-B, links moved by a point beside them, mean: weights 24, 75"
+    return [
+        Row(f"{name}, 0", ways[0], inf, "mm"),
+        Row(f"{name}, 1: less", ways[1], ways[0], "mm"),
+    ]
+
+
 def seam_rows() -> list[Row]:
     """V-C whole, quasi-static: what is asked of the towing vehicles, and the limits."""
     cable, team, limits = Cable(), TowingTeam(), PlannerSettings().limits
@@ -234,6 +264,26 @@ def _to_walls(points: Array) -> Array:
     return np.concatenate((points[:, 0], 2.6 - points[:, 0], points[:, 1] + 5, 5 - points[:, 1]))
 
 
+def link_rows() -> list[Row]:
+    """How a plan's time grows with the links, each vehicle with ten to twenty of them.
+
+    Vehicles have a force, so that the cable's pull is a limit, as in every job.
+    """
+    rows, taken = [], []
+    for links, vehicles, limit in ((60, 6, 0.6), (400, 20, 5.0), (1000, 50, 15.0)):
+        width, height = 2.6 * links / 60, 10.0 * links / 60
+        yard = Floor([(0, -height / 2), (width, -height / 2), (width, height / 2), (0, height / 2)])
+        team = TowingTeam(equally_spaced_links(links, vehicles), force=49.0)
+        tow = Tow(TowingPlanner(Cable(links=links), team, yard), x=width, y=-0.15 * height)
+        watch, _ = tow.timed(60)
+        mean = sum(watch.seconds) / (BLOCK * len(watch.seconds))
+        taken.append(mean)
+        name = f"{links} links, {vehicles} vehicles: plan, mean of 60"
+        rows.append(Row(name, 1e3 * mean, limit, "ms", slowdown=watch.slowdown))
+    exponent = float(np.log(taken[2] / taken[0]) / np.log(1000 / 60))
+    return [*rows, Row("a plan's time over the links, exponent", exponent, 1.2)]
+
+
 def size_rows() -> list[Row]:
     """Other numbers of vehicles, other lengths of cable.
 
@@ -266,4 +316,12 @@ def size_rows() -> list[Row]:
 
 def plan_rows() -> list[Row]:
     """All of them."""
-    return [*rate_rows(), *optimum_rows(), *cold_start_rows(), *seam_rows(), *size_rows()]
+    return [
+        *rate_rows(),
+        *optimum_rows(),
+        *cold_start_rows(),
+        *weight_rows(),
+        *seam_rows(),
+        *link_rows(),
+        *size_rows(),
+    ]

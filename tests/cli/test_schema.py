@@ -13,13 +13,14 @@ from jsonschema import Draft202012Validator
 from tjscan.job.reading import FILE_KINDS, kind_of_other_file
 
 ROOT = Path(__file__).parents[2]
+CRAWLS = ("crawl", "crawl-paper-initial", "crawl-paper-final")
 FILES = {
     "joint": sorted((ROOT / "cad").glob("*.toml")),
     "scan": [ROOT / "examples" / f"{name}.toml" for name in ("paper", "ur10e", "whole-joint")],
     "weld": [ROOT / "examples" / "weld.toml"],
     "recorded": [ROOT / "examples" / "calibrate-recorded.toml"],
     "calibrate": [ROOT / "examples" / "calibrate.toml"],
-    "crawl": [ROOT / "examples" / "crawl.toml"],
+    "crawl": [ROOT / "examples" / f"{name}.toml" for name in CRAWLS],
     "tow": [ROOT / "examples" / f"tow-{name}.toml" for name in ("simulation", "yard", "passer-by")],
     "chain": [ROOT / "examples" / "paper-chain.toml"],
     "study": [ROOT / "examples" / "paper-study.toml"],

@@ -56,6 +56,16 @@ class WrongVehicle:
         return self._change(self._vehicle.next_state())
 
 
+class StandingClock:
+    """A change after which all states are dated as the first of them."""
+
+    time: float | None = None
+
+    def __call__(self, state: VehicleState) -> VehicleState:
+        self.time = state.time if self.time is None else self.time
+        return replace(state, time=self.time)
+
+
 class WrongLaser:
     """A laser whose profiles are changed on their way, by what it gave so far."""
 
@@ -86,6 +96,7 @@ def context(tmp_path: Path, offset: str = "offset_mm = 20") -> CrawlContext:
         (lambda state: replace(state, proximity=()), "proximity"),
         (lambda state: replace(state, time=state.time + 100), "clock"),
         (lambda state: replace(state, time=nan), "clock"),
+        (StandingClock(), "clock"),
     ],
 )
 def test_a_fault_under_the_arc_ends_arc_and_motion(

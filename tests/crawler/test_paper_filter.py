@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from tjscan.core.frames import Array
 from tjscan.crawler.paper_method import (
     PaperFilter,
+    PaperMethod,
     PaperState,
     paper_laser_offset,
     propagate_paper_state,
 )
+from tjscan.crawler.slip_estimator import CrawlerGeometry
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import Twist
 
@@ -62,3 +64,12 @@ def test_it_finds_heading_and_offset_on_tracks_that_do_not_slip() -> None:
         found.read(y / cos(heading) + 0.5 * tan(heading))
     assert found.x[PaperState.OFFSET] == pytest.approx(y, abs=0.3e-3)
     assert found.x[PaperState.HEADING] == pytest.approx(heading, abs=1e-3)
+
+
+def test_backward_it_steers_by_the_laser_distance_that_it_starts_with() -> None:
+    design, tracks = CrawlerGeometry(0.5, 0.35), TrackGeometry()
+    known, wrong = PaperMethod(design, tracks), PaperMethod(design, tracks, 0.05)
+    for method in (known, wrong):
+        method.read(1e-3, 1e-5)
+    assert known.turn_rate(0.02) == wrong.turn_rate(0.02)
+    assert abs(known.turn_rate(-0.02)) != pytest.approx(abs(wrong.turn_rate(-0.02)), rel=1e-3)

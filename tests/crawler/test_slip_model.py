@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_aware import OdometryFilter
 from tjscan.crawler.slip_estimator import (
-    ODOMETRY_STATES,
+    RIPPLE_STATES,
     SETTLING_LENGTH,
     STATE_COUNT,
     CrawlerGeometry,
@@ -41,6 +41,7 @@ states = st.tuples(
     st.floats(-0.01, 0.01),
     st.floats(-3.0, 3.0),
     st.floats(0.0, 0.3),
+    st.floats(-1e-4, 1e-4),
     st.floats(-0.01, 0.01),
     st.floats(-0.02, 0.02),
 ).map(np.array)
@@ -50,9 +51,10 @@ odometries = st.builds(
     st.sampled_from([-5e-3, -1e-3, 1e-3, 4e-3]),
     st.floats(0.005, 0.05),
     st.floats(-0.5, 0.5),
+    mean_turn_rate=st.none() | st.sampled_from([-2e-3, 3e-3]),
     turn_rate_parts=st.tuples(*5 * [st.floats(-0.05, 0.05)]),
 )
-MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, 1, 1, *5 * [-1], 1, -1, -1, 1, -1, -1])
+MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, 1, 1, *5 * [-1], 1, -1, -1, 1, -1, -1, -1])
 """A mirror image of vehicle, joint and slip: what is to the right comes to the left."""
 
 
@@ -70,7 +72,8 @@ def test_the_derivative_of_a_step_is_that_of_finite_differences(
     x: Array, odometry: TrackOdometry
 ) -> None:
     drift = x[SlipStateIndex.DRIFT] + x[SlipStateIndex.UNSTEADY_DRIFT]
-    tracks = odometry.turn_rate + x[ODOMETRY_STATES] @ odometry.turn_rate_parts
+    mean = odometry.mean_turn_rate or odometry.turn_rate
+    tracks = mean + x[RIPPLE_STATES] @ odometry.turn_rate_parts[:4]
     turn = x[SlipStateIndex.YAW_EFFICIENCY] * tracks + drift * odometry.speed
     if abs(turn) < 1e-5:
         return  # |turn| has a corner there
@@ -93,6 +96,7 @@ def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometr
         odometry,
         turn_rate=-odometry.turn_rate,
         recent_turn=-odometry.recent_turn,
+        mean_turn_rate=-(odometry.mean_turn_rate or odometry.turn_rate),
         turn_rate_parts=parts,
     )
     after, _ = propagate_state(x, odometry, GEOMETRY)
@@ -102,7 +106,7 @@ def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometr
 
 
 def observability(speeds: list[float]) -> Array:
-    """Rows of how each reading depends on the state at first, shape (n, 20)."""
+    """Rows of how each reading depends on the state at first, shape (n, 22)."""
     x = np.zeros(STATE_COUNT)
     x[SlipStateIndex.YAW_EFFICIENCY] = 0.8
     onward, rows = np.eye(STATE_COUNT), []
@@ -112,6 +116,22 @@ def observability(speeds: list[float]) -> Array:
         x, F = propagate_state(x, odometry, GEOMETRY)
         onward = F @ onward
     return np.array(rows)
+
+
+@pytest.mark.parametrize("speed", [8e-3, 40e-3])
+def test_the_encoders_noise_is_no_turn_that_carries_the_vehicle_aside(speed: float) -> None:
+    rng, tracks, x = np.random.default_rng(2), OdometryFilter(), np.zeros(STATE_COUNT)
+    x[SlipStateIndex.YAW_EFFICIENCY], x[SlipStateIndex.TURNING_CRAB] = 0.7, 0.1
+    count, way, sideways = 1.6e-6, np.zeros(2), 0.0
+    for _ in range(3000):
+        counted, way = np.floor(way / count), way + speed * 0.02 * (1 + 1e-4 * rng.random(2))
+        left, right = (np.floor(way / count) - counted) * count / 0.02
+        shown = Twist((left + right) / 2, (left - right) / 0.4)
+        level = x.copy()
+        after, _ = propagate_state(level, tracks.smooth(shown, 0.02, Twist(speed, 0.0)), GEOMETRY)
+        turned = after[SlipStateIndex.HEADING] * GEOMETRY.centre_to_torch
+        sideways += after[SlipStateIndex.OFFSET] + turned
+    assert abs(sideways) < 0.06e-3 * 3000 * speed * 0.02  # of 0.1 mrad and more by single periods
 
 
 def test_crab_shows_at_a_reversal_only() -> None:

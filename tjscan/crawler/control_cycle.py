@@ -30,6 +30,10 @@ CYCLES_AT_REST: Final = 30
 LONGEST_PERIOD: Final = 2.0
 """Seconds from one state of the vehicle to the next, beyond which its way is not known."""
 
+MOST_STATES_AT_ONE_TIME: Final = 25
+"""States in a row that the vehicle may date alike: half a second of a usual one. Without time no
+way is added up, and none of the limits that are on way or time is ever reached."""
+
 MOST_PROFILE_AGE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten
 of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
@@ -172,6 +176,7 @@ class ControlCycle:
         self.joint = JointSensor(devices, journal)
         self._watch, self._tracer = ContradictionWatch(devices.tracks), TorchTracer(method)
         self._time: float | None = None
+        self._states_at_one_time = 0
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
 
@@ -297,6 +302,9 @@ class ControlCycle:
         if not 0 <= period <= LONGEST_PERIOD:
             off = f"the vehicle's clock went on by {period:.3f} s from one state to the next"
             raise CrawlStopped("clock", off)
+        self._states_at_one_time = self._states_at_one_time + 1 if time == self._time else 0
+        if self._states_at_one_time > MOST_STATES_AT_ONE_TIME:
+            raise CrawlStopped("clock", f"the vehicle's clock stands still at {time:.3f} s")
         self._time = time
         return period
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 from math import cos, sin, sqrt, tan
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from annotated_types import Gt, Le
 
 from tjscan.core.frames import Array
+from tjscan.core.units import MM, SettingsTable
 from tjscan.crawler.method import OffsetEstimate, TorchEstimate
 from tjscan.crawler.slip_estimator import CrawlerGeometry
 from tjscan.vehicle.tracks import TrackGeometry
@@ -123,8 +125,21 @@ class PaperFilter:
         PH = self.P @ H
         gain = PH / (H @ PH + variance)
         self.x = self.x + gain * difference
-        rest = np.eye(5) - np.outer(gain, H)
-        self.P = rest @ self.P @ rest.T + variance * np.outer(gain, gain)
+        self.P = self.P - np.outer(gain, PH)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperSettings(SettingsTable):
+    """The table [paper]: what the paper's filter starts with.
+
+    Parameters
+    ----------
+    laser_to_centre : float or None
+        How far it takes the laser to be ahead of the centre of rotation at first, metres: the
+        paper's l, which it learns; what [vehicle] states if left out.
+    """
+
+    laser_to_centre: Annotated[float | None, Gt(0), Le(5000), MM] = None
 
 
 class PaperMethod:
@@ -136,16 +151,25 @@ class PaperMethod:
         Where laser and torch sit.
     tracks : TrackGeometry
         Of the vehicle.
+    laser_to_centre : float, optional
+        As `PaperSettings` has it.
     """
 
-    def __init__(self, geometry: CrawlerGeometry, tracks: TrackGeometry) -> None:
+    def __init__(
+        self,
+        geometry: CrawlerGeometry,
+        tracks: TrackGeometry,
+        laser_to_centre: float | None = None,
+    ) -> None:
         self._geometry, self._tracks = geometry, tracks
+        self._laser_to_centre = laser_to_centre
         self.forget_place()
 
     def forget_place(self) -> None:
         """Forget everything; see `FollowingMethod.forget_place`."""
         geometry, x = self._geometry, np.zeros(5)
-        x[PaperState.LASER_TO_CENTRE] = geometry.laser_to_torch - geometry.centre_to_torch
+        known = geometry.laser_to_torch - geometry.centre_to_torch
+        x[PaperState.LASER_TO_CENTRE] = self._laser_to_centre or known
         self._filter = PaperFilter(self._tracks, x, np.diag(np.square(FIRST_STATE_SIGMAS)))
         self._d = self._integral = 0.0
         self._period, self._way = 0.01, 0.0

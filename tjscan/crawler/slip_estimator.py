@@ -24,7 +24,7 @@ from tjscan.crawler.state_smoother import StateSmoother
 
 
 class SlipStateIndex(IntEnum):
-    """The place of each quantity in a state vector, shape (21,).
+    """The place of each quantity in a state vector, shape (22,).
 
     OFFSET is the torch's from the joint, metres; HEADING the angle from the joint to the
     vehicle; ROTATION_CENTRE how far the centre of rotation is ahead of the vehicle's own, in
@@ -40,8 +40,10 @@ class SlipStateIndex(IntEnum):
     way from pad to pad. ODOMETRY_DELAY is how much later than shown the tracks turn, seconds:
     drives lag by more than assumed. GYRO_BIAS is in rad/s; JOINT_DOWN the direction of down from
     that of the joint, as the inclinometer shows it, radians, and INCLINOMETER_LAG the seconds by
-    which that is damped. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those
-    for now, and forget over `SETTLING_LENGTH`.
+    which that is damped. UNEVENNESS is how far to the left of its course the joint is where the
+    laser sees it, metres: for `UNEVEN_LENGTH`, as its edges are cut. UNSTEADY_CRAB and
+    UNSTEADY_DRIFT are what crab and drift differ from those for now, and forget over
+    `SETTLING_LENGTH`.
     """
 
     OFFSET = 0
@@ -63,8 +65,9 @@ class SlipStateIndex(IntEnum):
     GYRO_BIAS = 16
     JOINT_DOWN = 17
     INCLINOMETER_LAG = 18
-    UNSTEADY_CRAB = 19
-    UNSTEADY_DRIFT = 20
+    UNEVENNESS = 19
+    UNSTEADY_CRAB = 20
+    UNSTEADY_DRIFT = 21
 
 
 STATE_COUNT: Final = len(SlipStateIndex)
@@ -77,6 +80,17 @@ TURNING_STATES: Final = [
 ]
 """What the turn rate is linear in."""
 
+LASER_STATES: Final = [
+    SlipStateIndex.OFFSET,
+    SlipStateIndex.HEADING,
+    SlipStateIndex.CURVATURE,
+    SlipStateIndex.UNEVENNESS,
+]
+"""What a reading of the joint depends on."""
+
+RIPPLE_STATES: Final = slice(
+    SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1
+)
 ODOMETRY_STATES: Final = slice(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.ODOMETRY_DELAY + 1)
 """What the tracks' turn rate is wrong by."""
 
@@ -94,6 +108,11 @@ SIDEWAYS_STATE_INDICES: Final = [
 SETTLING_LENGTH: Final = 0.1
 """Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
 latest after its contact, and let go before where they slide (assumption)."""
+
+UNEVEN_LENGTH: Final = 5e-3
+"""Metres of the joint after which its edges are off by something else: what a cut wanders by lasts
+for some millimetres (assumption). As noise of single readings it would count thirty times too
+little."""
 
 HALF_STICKING_CURVATURE: Final = 0.1
 """1/m: a turn in which most feet slide, so that half of what a turn that lasts shifts the centre of
@@ -118,6 +137,9 @@ class TrackOdometry:
         it last turned back, faded over `SETTLING_LENGTH`.
     turned_back : bool, optional
         Whether it now goes the other way than in the periods before.
+    mean_turn_rate : float, optional
+        The turn rate without the encoders' noise, by its mean over the last millimetres; that of
+        this period if left out.
     turn_rate_parts : tuple of float, optional
         What each of `ODOMETRY_STATES`, were it 1, would add to the turn rate, rad/s.
     """
@@ -127,6 +149,7 @@ class TrackOdometry:
     period: float
     recent_turn: float = 0.0
     turned_back: bool = False
+    mean_turn_rate: float | None = None
     turn_rate_parts: tuple[float, ...] = (0.0,) * 5
 
 
@@ -153,53 +176,63 @@ def propagate_state(
 
     Parameters
     ----------
-    x : ndarray, shape (21,)
+    x : ndarray, shape (22,)
         As `SlipStateIndex` orders it.
     odometry : TrackOdometry
     geometry : CrawlerGeometry
 
     Returns
     -------
-    x : ndarray, shape (21,)
-    F : ndarray, shape (21, 21)
+    x : ndarray, shape (22,)
+    F : ndarray, shape (22, 22)
     """
     q, heading, ahead, efficiency, drift, crab, curvature, turning_crab, settled = x[:9].tolist()
-    fixed, turning_drift, *wrong, _, _, _, sways, veers = x[9:].tolist()
+    fixed, turning_drift, *wrong, _, _, _, _, sways, veers = x[9:].tolist()
     u, dt = odometry.speed, odometry.period
     way = copysign(1.0, u) if u else 0.0
-    tracks_turn = odometry.turn_rate + sum(map(mul, wrong, odometry.turn_rate_parts))
-    even_turn = efficiency * tracks_turn + (drift + veers) * u
-    side = copysign(1.0, even_turn) if even_turn else 0.0
-    turn = even_turn + turning_drift * abs(even_turn)
+    wrongly = list(map(mul, wrong, odometry.turn_rate_parts))
+    tracks_turn = odometry.turn_rate + sum(wrongly)
+    # What goes by how much it turns, whichever way, is of the mean turn: noise adds up there.
+    mean_turn = odometry.turn_rate if odometry.mean_turn_rate is None else odometry.mean_turn_rate
+    mean_turn += sum(wrongly[:-1])
+    level = efficiency * mean_turn + (drift + veers) * u
+    side = copysign(1.0, level) if level else 0.0
+    turn = efficiency * tracks_turn + (drift + veers) * u + turning_drift * abs(level)
+    most = abs(level) + turning_drift * level
     arm = geometry.centre_to_torch + fixed + way * ahead
     # Travel sideways: by heading, by crab, and as the torch swings round the centre of rotation.
-    q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * abs(turn) - turn * arm)
+    q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * most - turn * arm)
     # A turn that lasts shifts the centre farther, the less so the more feet slide.
     sticks = 1 / (1 + efficiency * abs(odometry.recent_turn) / HALF_STICKING_CURVATURE)
     turned = u * odometry.recent_turn * sticks
     q -= dt * settled * efficiency * turned
     kept = exp(-abs(u) * dt / SETTLING_LENGTH)
     after = x.copy()
+    evenly = exp(-abs(u) * dt / UNEVEN_LENGTH)
     after[UNSTEADY_STATES] *= kept
+    after[SlipStateIndex.UNEVENNESS] *= evenly
     after[SlipStateIndex.OFFSET] = q
     after[SlipStateIndex.HEADING] = heading + dt * (turn - curvature * u)
     after[SlipStateIndex.JOINT_DOWN] -= dt * curvature * u
     # How far it turns by each quantity of slip, and so goes aside with that.
-    by_slip = np.zeros(STATE_COUNT)
-    by_slip[TURNING_STATES] = tracks_turn, u, u
+    by_slip, by_level = np.zeros(STATE_COUNT), np.zeros(STATE_COUNT)
+    by_slip[TURNING_STATES], by_level[TURNING_STATES] = (tracks_turn, u, u), (mean_turn, u, u)
     by_slip[ODOMETRY_STATES] = np.multiply(odometry.turn_rate_parts, efficiency)
-    by_slip *= 1 + side * turning_drift
-    by_slip[SlipStateIndex.TURNING_DRIFT] = abs(even_turn)
+    by_level[RIPPLE_STATES] = by_slip[RIPPLE_STATES]
+    by_slip += side * turning_drift * by_level
+    by_slip[SlipStateIndex.TURNING_DRIFT] = abs(level)
+    by_level *= side + turning_drift
+    by_level[SlipStateIndex.TURNING_DRIFT] = level
     F = np.eye(STATE_COUNT)
     F[1] += dt * by_slip
     F[[SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN], SlipStateIndex.CURVATURE] = -dt * u
-    F[0] += dt * (turning_crab * (copysign(1.0, turn) if turn else 0.0) - arm) * by_slip
+    F[0] += dt * (turning_crab * by_level - arm * by_slip)
     F[0, SlipStateIndex.YAW_EFFICIENCY] -= dt * settled * turned * sticks
     F[0, SIDEWAYS_STATE_INDICES] = np.multiply(
-        dt,
-        (u * cos(heading), -turn * way, -turn, abs(u), abs(u), abs(turn), -efficiency * turned),
+        dt, (u * cos(heading), -turn * way, -turn, abs(u), abs(u), most, -efficiency * turned)
     )
     F[UNSTEADY_STATES, UNSTEADY_STATES] = kept
+    F[SlipStateIndex.UNEVENNESS, SlipStateIndex.UNEVENNESS] = evenly
     return after, F
 
 
@@ -211,20 +244,20 @@ def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
 
     Parameters
     ----------
-    x : ndarray, shape (21,)
+    x : ndarray, shape (22,)
     geometry : CrawlerGeometry
 
     Returns
     -------
     d : float
         Metres.
-    H : ndarray, shape (21,)
+    H : ndarray, shape (22,)
     """
     D, slope = geometry.laser_to_torch, tan(x[SlipStateIndex.HEADING])
     H = np.zeros(STATE_COUNT)
-    states = [SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.CURVATURE]
-    H[states] = 1, D * (1 + slope**2), -D * D / 2
-    return float(x[SlipStateIndex.OFFSET] + D * slope - x[SlipStateIndex.CURVATURE] * D * D / 2), H
+    H[LASER_STATES] = 1, D * (1 + slope**2), -D * D / 2, 1
+    offset, _, curvature, uneven = x[LASER_STATES].tolist()
+    return offset + D * slope - curvature * D * D / 2 + uneven, H
 
 
 STUDENT_DEGREES_OF_FREEDOM: Final = 4.0
@@ -336,9 +369,9 @@ class SlipEstimate:
 
     Parameters
     ----------
-    x : ndarray, shape (21,)
+    x : ndarray, shape (22,)
         As `SlipStateIndex` orders it.
-    P : ndarray, shape (21, 21)
+    P : ndarray, shape (22, 22)
         Its covariance.
     """
 
@@ -379,6 +412,7 @@ class SlipEstimate:
             SlipStateIndex.OFFSET,
             SlipStateIndex.HEADING,
             SlipStateIndex.JOINT_DOWN,
+            SlipStateIndex.UNEVENNESS,
             *range(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1),
         ]
         x, P = self.x.copy(), self.P.copy()
@@ -466,7 +500,10 @@ class SlipEstimator:
         changes = self._walk_per_metre * travel
         # Variances of unsteady slip stay what they should be.
         changes[UNSTEADY_STATES] += (1 - kept**2) * np.array(self._unsteady_variances())
-        P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
+        changes *= self.unsteadiness
+        uneven = SlipStateIndex.UNEVENNESS
+        changes[uneven] = (1 - F[uneven, uneven] ** 2) * self._uncertainty.unevenness**2
+        P[np.diag_indices(STATE_COUNT)] += changes
         # White noise of the turn rate: its spectral density does not depend on the period.
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         self.estimate = SlipEstimate(x, (P + P.T) / 2)
@@ -522,12 +559,12 @@ class SlipEstimator:
             uncertainty does not explain it; nothing of it is weighed down.
         """
         expected, H = laser_offset(self.estimate.x, self.geometry)
-        variance, off = sigma**2 + self._uncertainty.unevenness**2, d - expected
-        before = float(H @ self.estimate.P @ H)
-        self._misfit += off / sqrt(before + variance)
+        variance, off = sigma**2, d - expected
+        known = float(H @ self.estimate.P @ H) + variance
+        self._misfit += off / sqrt(known)
         self._readings += 1
         self._correct(off, H, variance)
-        return off * sqrt(variance / (before + variance))
+        return off * sqrt(min((variance + self._uncertainty.unevenness**2) / known, 1.0))
 
     def read_inertial(
         self, gyro: Sequence[float], down: Sequence[float], period: float
@@ -579,6 +616,4 @@ class SlipEstimator:
         variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
         gain = PH / (before + variance)
         self.smoother.add_reading(H, gain, difference, before + variance)
-        rest = np.eye(STATE_COUNT) - np.outer(gain, H)
-        P = rest @ P @ rest.T + np.outer(gain, gain) * variance
-        self.estimate = SlipEstimate(x + gain * difference, P)
+        self.estimate = SlipEstimate(x + gain * difference, P - np.outer(gain, PH))

@@ -48,12 +48,14 @@ def identify_cable(
 
     The shape is estimated along the whole tow, with the floor's friction as it builds up, and its
     forces on the vehicles are fitted to the pushes: robust least squares, whose covariance allows
-    for errors that last (Liang and Zeger, Longitudinal data analysis using generalized linear
-    models, 1986). A gain that the drives' reports have in common scales stiffness and drag alike.
+    for errors that last 10 s, and for those of a vehicle that last the whole tow: of a model that
+    is wrong there, and of a floor that held the cable at first (Cameron, Gelbach and Miller, Robust
+    inference with multiway clustering, 2011; what both have in common is counted twice). A gain
+    that the drives' reports have in common scales stiffness and drag alike.
 
     An even set changes neither shape nor forces of a cable whose ends are held at a heading: the
     integral of its bends is what the headings differ by. It changes the moment at the tip, k times
-    its angle in a joint, and is found from that.
+    its angle in a joint, and is found from that; no better than the stiffness is known.
 
     Parameters
     ----------
@@ -122,22 +124,23 @@ def identify_cable(
         ftol=1e-4,
         max_nfev=15,
     )
-    block = np.broadcast_to(np.arange(len(known))[:, None, None], known.shape)[known]
-    which = (block - SKIPPED_BLOCKS) // CLUSTER_BLOCKS
-    jacobian = np.asarray(found.jac)
-    spread = np.linalg.inv(jacobian.T @ jacobian)
-    sums = np.array([found.fun[which == k] @ jacobian[which == k] for k in range(clusters)])
-    sd = np.sqrt(np.diag(spread @ (sums.T @ sums) @ spread) * clusters / (clusters - 2))
+    jacobian, of_block, of_vehicle = np.asarray(found.jac), *np.indices(known.shape)[:2, known]
+    spread, meat = np.linalg.inv(jacobian.T @ jacobian), np.zeros((2, 2))
+    for group in ((of_block - SKIPPED_BLOCKS) // CLUSTER_BLOCKS, of_vehicle):
+        each = [found.fun[group == k] @ jacobian[group == k] for k in np.unique(group)]
+        meat += np.transpose(each) @ each * len(each) / max(len(each) - 1, 1)
+    sd = np.sqrt(np.diag(spread @ meat @ spread))
     scale = np.exp(found.x - 1.0)
     stiffness, drag = scale * (cable.bending_stiffness * length, cable.friction / length)
     bends = -(pushes[:kept, -1, 2] + tow(found.x)[1]) / stiffness
     bends = bends[SKIPPED_BLOCKS * BLOCK_CYCLES :]
     parts = [each.mean() for each in np.array_split(bends[np.isfinite(bends)], clusters)]
+    by_stiffness = np.nanmean(pushes[:kept, -1, 2]) / stiffness * sd[0]
     return IdentifiedCable(
         stiffness=float(stiffness),
         stiffness_sd=float(stiffness * sd[0]),
         drag=float(drag),
         drag_sd=float(drag * sd[1]),
         curvature=float(np.mean(parts)),
-        curvature_sd=float(np.std(parts, ddof=1) / np.sqrt(clusters)),
+        curvature_sd=float(np.hypot(np.std(parts, ddof=1) / np.sqrt(clusters), by_stiffness)),
     )

@@ -17,6 +17,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.following import velocity_from_twist
 from tjscan.towing.pose_filter import TeamEstimate, VehiclePoseEstimate
 from tjscan.towing.shape.cable import Cable, TowingTeam
+from tjscan.towing.shape.estimate import BEND_DEVIATIONS, LEAST_ANGLE_DEVIATION
 from tjscan.towing.shape.plan import TowingPlan
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
@@ -55,14 +56,6 @@ SLACK_CABLE_CHORD_SHARE: Final = 0.95
 """The same from which on it goes slower, and below which it goes on after it waited: what noise of
 the poses changes is less than the way between the two."""
 
-BEND_DEVIATIONS: Final = 2.0
-"""Standard deviations that an angle plus its doubt may come to the joints' limit at most."""
-
-LEAST_ANGLE_DEVIATION: Final = radians(0.4)
-"""Radians by which an estimated angle is doubted at least. It is the largest with which no sound
-tow that was tried is stopped; on cables three times as stiff or soft, and on floors of half or one
-and a half times the friction, angles were off by up to 0.7° beyond two deviations."""
-
 WATCHED_BEND: Final = 0.75
 """Share of the limit above which that is looked at: angles of a cable that is taut or
 pressed together are known badly and are small."""
@@ -86,6 +79,13 @@ drive, or turn."""
 
 RUNAWAY_MOTION_SHARE: Final = 0.4
 """The same as a share of what is commanded: drives follow roughly."""
+
+RESTING_WINDOW: Final = 10
+"""Periods, a second of them, over which a vehicle that does not drive any more is told from one
+that drives elsewhere: it is at a standstill."""
+
+RESTING_SHARE: Final = 0.1
+"""Share of the least motion of a runaway in that time."""
 
 DRIVE_LAG: Final = 0.3
 """Seconds by which drives may be behind their commands."""
@@ -190,7 +190,10 @@ class RunawayCheck:
         fastest = np.max([_way_and_turn(one) for one, _ in self._motions], axis=0) / period
         off, went = _way_and_turn(drove - sent), _way_and_turn(drove)
         allowed = RUNAWAY_MOTION_SHARE * _way_and_turn(sent) + DRIVE_LAG * fastest
-        if ((off > LEAST_RUNAWAY_MOTION + allowed) & (went > LEAST_RUNAWAY_MOTION)).any():
+        latest = np.sum([one for _, one in list(self._motions)[-RESTING_WINDOW:]], axis=0)
+        is_at_rest = (_way_and_turn(latest) < RESTING_SHARE * np.array(LEAST_RUNAWAY_MOTION)).all()
+        far = (off > LEAST_RUNAWAY_MOTION + allowed) & (went > LEAST_RUNAWAY_MOTION)
+        if far.any() and not is_at_rest:
             if now > self._until:
                 self._until = now + self._retry
                 self._retry *= 2
@@ -432,8 +435,8 @@ class StandstillWatch:
         planned.
         """
         angles, ends = np.abs(last.estimate), (0, *(link + 1 for link in self._team.held_links))
-        known = np.zeros(len(angles)) if last.deviations is None else last.deviations
-        doubt = np.hypot(known, LEAST_ANGLE_DEVIATION)
+        doubt = LEAST_ANGLE_DEVIATION * np.ones(len(angles))
+        doubt = doubt if last.deviations is None else last.deviations
         beside = dict[int, int]()
         for v in self.doubted:
             piece = slice(ends[v], ends[min(v + 2, len(ends) - 1)])

@@ -26,6 +26,7 @@ from tjscan.core.units import (
 )
 from tjscan.crawler import plan
 from tjscan.crawler.guards import ProximitySettings
+from tjscan.crawler.paper_method import PaperSettings
 from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
 from tjscan.crawler.slip_estimator import CrawlerGeometry, SlipUncertainty
@@ -249,6 +250,7 @@ class CrawlJob(StrictFileModel):
     torch: TorchSettings = TorchSettings()
     steering: SteeringSettings = SteeringSettings()
     slip: SlipUncertainty = SlipUncertainty()
+    paper: PaperSettings = PaperSettings()
     proximity: ProximitySettings = ProximitySettings()
     guards: plan.GuardSettings = plan.GuardSettings()
     size: SizeSettings = SizeSettings()

@@ -47,13 +47,13 @@ def make_shape_planner(job: TowJob) -> ShapePlanner:
     ConfigurationError
         If a package that it needs is not installed.
     """
-    known = job.localisation
+    known, limit = job.localisation, job.chain.joint_limit
     with explain_missing_package("towing", TOWING_EXTRA, "method"):
         from tjscan.towing.shape.paper_planner import PaperPlanner
         from tjscan.towing.shape.plan import PlannerSettings, PoseAccuracy
         from tjscan.towing.shape.planner import TowingPlanner
     accuracy = PoseAccuracy(known.position_sigma, known.heading_sigma)
-    settings = PlannerSettings(job.weights, job.targets, job.hard_limits, accuracy)
+    settings = PlannerSettings(job.weights, job.targets, job.hard_limits, accuracy, limit)
     kind = PaperPlanner if job.method == "paper" else TowingPlanner
     return kind(job.cable_with_bend_reserve, job.team, job.floor, settings)
 

@@ -136,11 +136,10 @@ class CrawlContext(JobContext[CrawlJob]):
 
     def make_method(self, slip: SlipEstimate | None = None) -> FollowingMethod:
         """Make the method that the job names, with what is known of slip."""
-        job = self.job
+        job, vehicle = self.job, self.job.vehicle
         if job.method == "paper":
-            return PaperMethod(job.vehicle.geometry, job.vehicle.tracks)
+            return PaperMethod(vehicle.geometry, vehicle.tracks, job.paper.laser_to_centre)
         known = slip or self.initial_slip
-        vehicle = job.vehicle
         return SlipAwareMethod(vehicle.geometry, known, job.slip, job.steering, vehicle.tracks)
 
     def make_reader(self) -> JointReader:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import radians, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from tjscan.towing.shape import chain
 from tjscan.towing.shape.cable import Cable
 from tjscan.towing.shape.chain import ChainDerivatives, place_links
 from tjscan.towing.shape.compiled import Indices, compiled
-from tjscan.towing.shape.linear import back_substitute, factorise_convex
+from tjscan.towing.shape.linear import back_substitute, back_substitute_rows, factorise_convex
 from tjscan.towing.shape.plan import PoseAccuracy
 
 PRESLIDING_DISPLACEMENT: Final = 1e-3
@@ -49,6 +49,14 @@ PULL_RELIEF_SPEED: Final = 2e-3
 
 VEHICLE_PLACE_ERROR: Final = 1e-3
 """Metres within which vehicles are where they are sent: no force is relieved better than that."""
+
+BEND_DEVIATIONS: Final = 2.0
+"""Standard deviations that an angle plus its doubt may come to the joints' limit at most."""
+
+LEAST_ANGLE_DEVIATION: Final = radians(0.4)
+"""Radians by which an estimated angle is doubted at least. It is the largest with which no sound
+tow that was tried is stopped; on cables three times as stiff or soft, and on floors of half or one
+and a half times the friction, angles were off by up to 0.7° beyond two deviations."""
 
 PULL_TERM_INDEX: Final = 4
 """Which term of the objective it is."""
@@ -374,34 +382,13 @@ def pull_on_welder(
     if len(held_links) < 2 or not np.isfinite(poses[-2:]).all():
         return None
     problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    stiffness = cable.bending_stiffness * _pull_stiffness(now.angles, problem)
+    ways, turns, _ = _turns_by_poses(now.angles, problem)
+    by_place = problem.stiff[-1, 0] * problem.stiff[-2, 0]
+    stiffness = cable.bending_stiffness * by_place * ways[-3:-1] @ turns[-6:-4].T
     places = cable.poses(now.angles)[:, :2]
     force = cable.bending_stiffness / trust.position_sd**2 * (places[-1] - poses[-1, :2])
     link = held_links[-2]
     return CablePull(force, stiffness, link, places[link], trust.position_sd)
-
-
-@compiled
-def _pull_stiffness(angles: Array, problem: EstimateArrays) -> Array:
-    """Derivative of the last held link's force by the place of the one before, (2, 2), over k."""
-    n, last, root = len(angles), len(problem.held) - 1, problem.root
-    links, parts, stiff = np.empty((n, 5)), chain.new_chain_derivatives(n), problem.stiff
-    factor = np.empty((n, 6))
-    place_links(angles, root, problem.length, links)
-    cable_energy(angles, problem, links, parts)
-    factorise_convex(parts, links, problem.length, 0.0, factor, LEAST_HESSIAN_SHIFT)
-    derivative, change = np.zeros((2, 2)), np.empty(n)
-    before, tip = problem.held[last - 1], problem.held[last]
-    for axis in range(2):
-        for i in range(n):
-            way = chain.link_motion_by_joint(i, before, links, root)
-            change[i] = stiff[last - 1, 0] * way[axis]
-        back_substitute(factor, change)
-        for i in range(n):
-            way = chain.link_motion_by_joint(i, tip, links, root)
-            derivative[0, axis] += stiff[last, 0] * way[0] * change[i]
-            derivative[1, axis] += stiff[last, 0] * way[1] * change[i]
-    return derivative
 
 
 def angle_deviations(
@@ -410,7 +397,7 @@ def angle_deviations(
     """Standard deviations of the estimated joint angles, radians, shape (N,).
 
     Of the poses' errors, and of a floor that holds the cable more or less, by the cable's
-    `friction_doubt`, each with what it turns the joints by at the least energy.
+    `friction_doubt`, each with what it turns the joints by at the least energy; and of the model.
 
     Parameters
     ----------
@@ -419,41 +406,40 @@ def angle_deviations(
     now : CableEstimate
     """
     problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    return np.sqrt(_angle_variances(now.angles, problem, cable.friction_doubt))
+    _, turns, by_floor = _turns_by_poses(now.angles, problem)
+    weights = np.sqrt(problem.stiff[:, (0, 0, 1)]).reshape(-1, 1)  # one over standard deviations
+    doubts = np.vstack((weights * turns, cable.friction_doubt * by_floor))
+    return np.asarray(np.sqrt((doubts**2).sum(axis=0) + LEAST_ANGLE_DEVIATION**2))
 
 
 @compiled
-def _angle_variances(angles: Array, problem: EstimateArrays, friction_doubt: float) -> Array:
-    """Variances of the angles of least energy, shape (N,)."""
-    n, root = len(angles), problem.root
-    links, parts, stiff = np.empty((n, 5)), chain.new_chain_derivatives(n), problem.stiff
-    factor, change, variances = np.empty((n, 6)), np.empty(n), np.zeros(n)
+def _turns_by_poses(angles: Array, problem: EstimateArrays) -> tuple[Array, Array, Array]:
+    """How x, y and heading of held links move with the angles of least energy, shape (3 M, N).
+
+    And these, solved by the energy's Hessian; and the gradient of the floor's forces, likewise,
+    shape (N,).
+    """
+    n, root, stiff, held = len(angles), problem.root, problem.stiff, problem.held
+    links, parts = np.empty((n, 5)), chain.new_chain_derivatives(n)
+    factor, ways, by_floor = np.empty((n, 6)), np.zeros((3 * len(held), n)), np.empty(n)
     place_links(angles, root, problem.length, links)
     cable_energy(angles, problem, links, parts)
-    forces = parts.point[:, :2].copy()
-    for m in range(len(problem.held)):  # what is left of the forces is the floor's
-        k = problem.held[m]
-        forces[k, 0] -= stiff[m, 0] * (links[k, 0] - problem.poses[m, 0])
-        forces[k, 1] -= stiff[m, 0] * (links[k, 1] - problem.poses[m, 1])
     factorise_convex(parts, links, problem.length, 0.0, factor, LEAST_HESSIAN_SHIFT)
-    for m in range(len(problem.held)):
-        k = problem.held[m]
-        for axis in range(3):
-            weight = sqrt(stiff[m, axis // 2])  # one over the standard deviation
-            for i in range(n):
-                way = chain.link_motion_by_joint(i, k, links, root)
-                change[i] = weight * (way[axis] if axis < 2 else 1.0 * (i <= k))
-            back_substitute(factor, change)
-            for i in range(n):
-                variances[i] += change[i] * change[i]
-    parts.point[:, :2] = forces
+    for m in range(len(held)):
+        k = held[m]
+        for i in range(k + 1):
+            way = chain.link_motion_by_joint(i, k, links, root)
+            ways[3 * m, i], ways[3 * m + 1, i], ways[3 * m + 2, i] = way[0], way[1], 1.0
+        # What is left of the forces without those that hold the links is the floor's.
+        parts.point[k, 0] -= stiff[m, 0] * (links[k, 0] - problem.poses[m, 0])
+        parts.point[k, 1] -= stiff[m, 0] * (links[k, 1] - problem.poses[m, 1])
     parts.joint[:, 0] = 0.0
     parts.turn[:, 0] = 0.0
-    chain.chain_gradient(parts, links, problem.length, change)
-    back_substitute(factor, change)
-    for i in range(n):
-        variances[i] += (friction_doubt * change[i]) ** 2
-    return variances
+    chain.chain_gradient(parts, links, problem.length, by_floor)
+    turns = ways.copy()
+    back_substitute_rows(factor, turns)
+    back_substitute(factor, by_floor)
+    return ways, turns, by_floor
 
 
 def cable_forces(

@@ -40,6 +40,9 @@ class PlannerSettings:
         Distances that no plan undercuts. The joints' limit is the cable's own.
     trust : PoseAccuracy
         In the vehicles' poses.
+    bend_limit : float
+        Radians that no joint of the cable may be bent by as the floor holds it, if that is more
+        than the limit of the cable as it is planned.
     look_ahead : float
         Seconds of an obstacle's way that are kept free: delay and stopping time.
     """
@@ -48,6 +51,7 @@ class PlannerSettings:
     targets: TargetSettings = field(default_factory=TargetSettings)
     limits: LimitSettings = field(default_factory=lambda: LimitSettings(link_clearance=0.02))
     trust: PoseAccuracy = field(default_factory=PoseAccuracy)
+    bend_limit: float = 0.0
     look_ahead: float = 1.0
 
 
@@ -112,8 +116,9 @@ class TowingPlan:
         Why no vehicle may drive on: empty if the plan may be sent. The angles of a halt are those
         of the last shape tried, to be shown, never to be sent.
     retreat : str
-        What came too near, if the plan only leads away from it, as far as vehicles can drive: it
-        may be sent, and the welder must wait.
+        What came too near, if the plan only leads away from it, as far as vehicles can drive; or
+        the joint that would bend too far, if vehicles stay for that. Such a plan may be sent, and
+        the welder must wait.
     rest : ndarray, shape (N, 2), or None
         Towards which the floor holds the links of the estimate, metres; None if it is not known.
     deviations : ndarray, shape (N,), or None

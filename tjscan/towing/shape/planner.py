@@ -12,6 +12,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import (
+    BEND_DEVIATIONS,
     CableEstimate,
     angle_deviations,
     cable_forces,
@@ -60,6 +61,24 @@ CABLE_LIMITS: Final = (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK)
 NEAR_LIMIT: Final = 0.7
 """Share of the joints' limit from which on it is found how well the angles are known."""
 
+MOST_PROGRAMS: Final = 12
+"""Quadratic programs of a plan; three are usual from the last plan's shape. What has not ended then
+goes to and fro beside an obstacle that comes too quickly."""
+
+LEAST_BEND_GROWTH: Final = 1e-4
+"""Radians by which a joint must bend further until it is held: less is no way."""
+
+NEAR_DISC: Final = 0.05
+"""Metres of clearance to spare below which a link of the estimated cable is near to a disc: some
+periods of a vehicle's way."""
+
+LED_STEPS: Final = 5
+"""In which it is found how the floor bends the cable on the way to a plan: what slides first
+depends on the way, and a single step finds other bends."""
+
+OVERSHOOT_SHARE: Final = 0.25
+"""Share of their way to a plan by which vehicles go too far, at most."""
+
 NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
 
@@ -107,11 +126,71 @@ class TowingPlanner:
     def plan(self, inputs: PlanInputs) -> TowingPlan:
         """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`.
 
+        The floor holds the cable back: on the way to the plan, a joint may bend further than it is
+        planned to, or a link come nearer to an obstacle. Then the vehicle on one side of it
+        stays where it was sent, or on both, or all but one, or all, and the welder waits.
+
         Raises
         ------
         ValueError
             A pose of the welder or a period that is no number.
         """
+        plan = self._plan_shape(inputs)
+        astray = self._led_astray(plan, inputs)
+        if astray is None:
+            return plan
+        link, words = astray
+        piece, sent = int(np.searchsorted(self._held, link)), inputs.last
+        if sent is None:
+            return plan
+        # What moves: all but those beside it, or one vehicle alone; else none.
+        towing = np.arange(len(self._held))
+        beside = [towing != piece, towing != piece - 1, (towing != piece) & (towing != piece - 1)]
+        for moves in (*beside, *(towing == v for v in towing[:-1])):
+            poses = np.where(moves[:, None], plan.held_poses, sent.held_poses)
+            tried = replace(plan, held_poses=poses, retreat=words)
+            if not self._led_astray(tried, inputs):
+                return tried
+        links, poses = sent.link_poses, sent.held_poses
+        return replace(plan, angles=sent.angles, link_poses=links, held_poses=poses, retreat=words)
+
+    def _led_astray(self, plan: TowingPlan, inputs: PlanInputs) -> tuple[int, str] | None:
+        """A link or joint that comes too near to a disc, or bends too far, on the way to a plan.
+
+        And nearer, or further, than now. The way is that of the cable as it is estimated, as far as
+        the floor lets the vehicles draw it. Returns its number, and words.
+        """
+        if plan.halt or inputs.last is None or plan.rest is None:
+            return None
+        limits, now = self.limited_problem(plan.estimate, inputs), np.abs(plan.estimate)
+        near = _rows_beside_discs(limits, plan.estimate, NEAR_DISC)
+        if plan.deviations is None and not (near["disc"] >= 0).any():
+            return None
+        led, held, trust = CableEstimate(plan.estimate, plan.rest), self._held, self.settings.trust
+        begin, bends = self.cable.poses(plan.estimate)[held], np.zeros(len(now))
+        for share in np.linspace(0, 1 + OVERSHOOT_SHARE, 1 + LED_STEPS)[1:]:
+            poses = begin + share * (plan.held_poses - begin)
+            led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
+            bends = np.maximum(bends, np.abs(led.angles))
+        rows = _rows_beside_discs(limits, led.angles, 0.0)
+        if worst_margin(rows) < worst_margin(near) - LEAST_RETREAT:
+            row = rows[rows["margin"].argmin()]
+            words = limits.describe(row, BROKEN_LIMIT_TEXTS)
+            return int(row["link"]), f"the floor holds the cable back: {words}"
+        doubt = BEND_DEVIATIONS * (np.zeros(1) if plan.deviations is None else plan.deviations)
+        limit = max(self.settings.bend_limit, self.cable.joint_limit)
+        worst = np.where(bends > now + LEAST_BEND_GROWTH, bends + doubt, 0.0)
+        joint = int(np.argmax(worst))
+        if worst[joint] < limit:
+            return None
+        bent = f"{np.degrees(bends[joint]):.1f}° ± {np.degrees(worst - bends)[joint]:.1f}°"
+        return joint, (
+            f"the floor holds the cable back: joint {joint} would be bent by {bent}, and its limit "
+            f"is {np.degrees(limit):.1f}°"
+        )
+
+    def _plan_shape(self, inputs: PlanInputs) -> TowingPlan:
+        """The best shape, as if the floor did not hold the cable back."""
         poses, welder_pose, period = inputs.poses, inputs.welder_pose, inputs.period
         if not (np.isfinite(welder_pose).all() and np.isfinite(period) and period > 0):
             raise ValueError(f"no plan for a welder at {welder_pose} in {period} s")
@@ -128,17 +207,12 @@ class TowingPlanner:
             if pull is not None:
                 pull = pull.moved((welder_pose - poses[-1])[:2])
                 limits = replace(limits, problem=replace(limits.problem, pull=pull))
-        iterations, shape = 0, None
-        pressed: tuple[str, ...] = ()
-        if last is None or not last.limits:
-            angles, iterations = optimise_without_limits(limits.problem)
-            shape = CheckedShape(limits, angles)
-        if shape is None or not shape.is_feasible:
-            limited = optimise_within_limits(limits, now.angles)
-            shape = CheckedShape(limits, limited.angles)
-            pressed = tuple(limits.describe(row) for row in limited.pressed)
-            iterations += limited.iterations
+        shape, pressed, iterations = self._search_shape(limits, now.angles, last)
         halt = shape.objection(now, pressed, settings.trust)
+        if halt and last is not None:
+            # The floor may hold the cable on the other side of an obstacle than it was planned.
+            shape, pressed, more = self._search_shape(limits, now.angles, None)
+            halt, iterations = shape.objection(now, pressed, settings.trust), iterations + more
         retreat = "" if halt or shape.is_feasible else shape.broken_limit(pressed)
         known = (self.cable, held, now, poses, settings.trust)
         forces, tension = (None, None) if last is None else cable_forces(*known)
@@ -154,6 +228,23 @@ class TowingPlanner:
             forces=forces,
             tension=tension,
         )
+
+    def _search_shape(
+        self, limits: LimitedProblem, estimate: Array, last: TowingPlan | None
+    ) -> tuple[CheckedShape, tuple[str, ...], int]:
+        """The best shape near the last plan's, or the estimate's; what presses it, and iterations.
+
+        Limits are looked at first if they pressed the last plan.
+        """
+        start, iterations = estimate if last is None else last.angles, 0
+        if last is None or not last.limits:
+            angles, iterations = optimise_without_limits(limits.problem, start)
+            shape = CheckedShape(limits, angles)
+            if shape.is_feasible:
+                return shape, (), iterations
+        limited = optimise_within_limits(limits, start, most=MOST_PROGRAMS)
+        pressed = tuple(limits.describe(row) for row in limited.pressed)
+        return CheckedShape(limits, limited.angles), pressed, iterations + limited.iterations
 
     def starts(
         self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
@@ -202,9 +293,17 @@ class TowingPlanner:
         return LimitedProblem(problem, self.team, s.limits, tuple(d.name for d in inputs.obstacles))
 
 
-def optimise_without_limits(problem: ShapeProblem) -> tuple[Array, int]:
-    """Solution without limits, from the estimate on; angles and iterations."""
-    angles = problem.estimate.copy()
+def _rows_beside_discs(limits: LimitedProblem, angles: Array, band: float) -> LimitRows:
+    """Rows of links and bodies with a margin to a disc, or of two bodies, below a band, metres."""
+    rows = limits.rows(angles, band)
+    beside = (rows["disc"] >= 0) | (rows["kind"] == LimitKind.BODY_TO_BODY)
+    found: LimitRows = rows[(rows["kind"] < LimitKind.SPEED) & beside]
+    return found
+
+
+def optimise_without_limits(problem: ShapeProblem, start: Array | None = None) -> tuple[Array, int]:
+    """Solution without limits, from a start or the estimate on; angles and iterations."""
+    angles = np.array(problem.estimate if start is None else start)
     return angles, minimise_objective(angles, NEWTON_ITERATIONS, GRADIENT_TOLERANCE, *problem.plain)
 
 
