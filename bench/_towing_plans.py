@@ -19,7 +19,7 @@ from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import LimitedProblem
-from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PoseAccuracy, TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner, optimise_without_limits
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.shape.start import search_shape, start_shapes
@@ -117,8 +117,10 @@ def rate_rows() -> list[Row]:
         float(min(p.held_poses[:-1, 0].min(), 2.6 - p.held_poses[:-1, 0].max())) for p in plans
     )
     near = LimitSettings(link_clearance=0.02, vehicle_clearance=nearest - 0.15 + PRESSED)
-    tight = PlannerSettings(limits=near)
-    pressed, tight_plans = Tow(TowingPlanner(Cable(), TowingTeam(), YARD, tight), y=-1.5).timed(200)
+    tight = PlannerSettings(limits=near, trust=PoseAccuracy(0.5e-3, float(np.radians(0.1))))
+    pressed, tight_plans = Tow(
+        TowingPlanner(Cable(friction=0.0), TowingTeam(), YARD, tight), y=-1.5
+    ).timed(200)
     share = 100 * float(np.mean([bool(p.limits) and not is_stopped(p) for p in tight_plans]))
     return [
         Row("reference task in the same run", 1e3 * USUAL * free.slowdown, inf, "ms"),

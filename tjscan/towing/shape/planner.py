@@ -128,7 +128,7 @@ class TowingPlanner:
 
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
         planned to, or a link come nearer to an obstacle. Then the vehicle on one side of it
-        stays where it was sent, or on both, or all do, and the welder waits.
+        stays where it was sent, or on both, or all but one, or all, and the welder waits.
 
         Raises
         ------
@@ -141,18 +141,21 @@ class TowingPlanner:
             return plan
         link, words = astray
         piece, sent = int(np.searchsorted(self._held, link)), inputs.last
-        for beside in ({piece}, {piece - 1}, {piece - 1, piece}):
-            if kept := frozenset(beside & set(range(self.team.welder))):
-                plan = self._plan_shape(inputs, kept)
-                if not (plan.halt or self._led_astray(plan, inputs)):
-                    return replace(plan, retreat=words)
-        if sent:
-            links, poses = sent.link_poses, sent.held_poses
-            plan = replace(plan, angles=sent.angles, link_poses=links, held_poses=poses)
-        return replace(plan, halt="", retreat=words)
+        if sent is None:
+            return plan
+        # What moves: all but those beside it, or one vehicle alone; else none.
+        towing = np.arange(len(self._held))
+        beside = [towing != piece, towing != piece - 1, (towing != piece) & (towing != piece - 1)]
+        for moves in (*beside, *(towing == v for v in towing[:-1])):
+            poses = np.where(moves[:, None], plan.held_poses, sent.held_poses)
+            tried = replace(plan, held_poses=poses, retreat=words)
+            if not self._led_astray(tried, inputs):
+                return tried
+        links, poses = sent.link_poses, sent.held_poses
+        return replace(plan, angles=sent.angles, link_poses=links, held_poses=poses, retreat=words)
 
     def _led_astray(self, plan: TowingPlan, inputs: PlanInputs) -> tuple[int, str] | None:
-        """A link or joint that comes too near to a disc or bends too far on the way to a plan.
+        """A link or joint that comes too near to a disc, or bends too far, on the way to a plan.
 
         And nearer, or further, than now. The way is that of the cable as it is estimated, as far as
         the floor lets the vehicles draw it. Returns its number, and words.
@@ -160,8 +163,8 @@ class TowingPlanner:
         if plan.halt or inputs.last is None or plan.rest is None:
             return None
         limits, now = self.limited_problem(plan.estimate, inputs), np.abs(plan.estimate)
-        near = _rows_of_links_to_discs(limits, plan.estimate, NEAR_DISC)
-        if plan.deviations is None and not len(near):
+        near = _rows_beside_discs(limits, plan.estimate, NEAR_DISC)
+        if plan.deviations is None and not (near["disc"] >= 0).any():
             return None
         led, held, trust = CableEstimate(plan.estimate, plan.rest), self._held, self.settings.trust
         begin, bends = self.cable.poses(plan.estimate)[held], np.zeros(len(now))
@@ -169,7 +172,7 @@ class TowingPlanner:
             poses = begin + share * (plan.held_poses - begin)
             led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
             bends = np.maximum(bends, np.abs(led.angles))
-        rows = _rows_of_links_to_discs(limits, led.angles, 0.0)
+        rows = _rows_beside_discs(limits, led.angles, 0.0)
         if worst_margin(rows) < worst_margin(near) - LEAST_RETREAT:
             row = rows[rows["margin"].argmin()]
             words = limits.describe(row, BROKEN_LIMIT_TEXTS)
@@ -186,11 +189,8 @@ class TowingPlanner:
             f"is {np.degrees(limit):.1f}°"
         )
 
-    def _plan_shape(self, inputs: PlanInputs, kept: frozenset[int] = frozenset()) -> TowingPlan:
-        """The best shape, as if the floor did not hold the cable back.
-
-        Vehicles that are kept stay where they were sent.
-        """
+    def _plan_shape(self, inputs: PlanInputs) -> TowingPlan:
+        """The best shape, as if the floor did not hold the cable back."""
         poses, welder_pose, period = inputs.poses, inputs.welder_pose, inputs.period
         if not (np.isfinite(welder_pose).all() and np.isfinite(period) and period > 0):
             raise ValueError(f"no plan for a welder at {welder_pose} in {period} s")
@@ -201,8 +201,8 @@ class TowingPlanner:
             before = CableEstimate.without_floor_pull(self.cable, last.estimate)
         held, settings = self.team.held_links, self.settings
         now = estimate_shape(self.cable, held, poses, last=before, trust=settings.trust)
-        limits = self.limited_problem(now.angles, inputs, kept)
-        if last and settings.weights.pull and self.team.welder - 1 not in {*inputs.stopped, *kept}:
+        limits = self.limited_problem(now.angles, inputs)
+        if last and settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
             pull = pull_on_welder(self.cable, held, now, poses, settings.trust)
             if pull is not None:
                 pull = pull.moved((welder_pose - poses[-1])[:2])
@@ -278,17 +278,14 @@ class TowingPlanner:
         weights = replace(self.settings.weights, change=0.0, pace=0.0)
         return replace(limits, problem=replace(limits.problem, weights=weights))
 
-    def limited_problem(
-        self, estimate: Array, inputs: PlanInputs, kept: frozenset[int] = frozenset()
-    ) -> LimitedProblem:
+    def limited_problem(self, estimate: Array, inputs: PlanInputs) -> LimitedProblem:
         """The problem of one period, and the limits that its solution must keep."""
         s, now, last = self.settings, self.cable.poses(estimate)[self._held], inputs.last
-        still = [m for m in sorted({*inputs.stopped, *kept}) if m != self.team.welder]
+        still = [m for m in sorted(inputs.stopped) if m != self.team.welder]
         drives = [m for m in range(self.team.welder) if m not in still]
         begins = now if last is None or last.halt else last.held_poses
         floor = self._floor.with_discs(inputs.obstacles, s.look_ahead)
-        places = [now[m] if m in inputs.stopped else begins[m] for m in still]
-        fixed, fixed_poses = [*still, self.team.welder], np.vstack((*places, inputs.welder_pose))
+        fixed, fixed_poses = [*still, self.team.welder], np.vstack((now[still], inputs.welder_pose))
         problem = ShapeProblem(
             *(self.cable, floor, s.weights, s.targets, estimate, self._held[fixed], fixed_poses),
             *(self._held[drives], begins[drives, :2].copy(), inputs.period),
@@ -296,10 +293,11 @@ class TowingPlanner:
         return LimitedProblem(problem, self.team, s.limits, tuple(d.name for d in inputs.obstacles))
 
 
-def _rows_of_links_to_discs(limits: LimitedProblem, angles: Array, band: float) -> LimitRows:
-    """Rows of links with a margin to a disc below a band, metres."""
+def _rows_beside_discs(limits: LimitedProblem, angles: Array, band: float) -> LimitRows:
+    """Rows of links and bodies with a margin to a disc, or of two bodies, below a band, metres."""
     rows = limits.rows(angles, band)
-    found: LimitRows = rows[(rows["kind"] == LimitKind.LINK_TO_OBSTACLE) & (rows["disc"] >= 0)]
+    beside = (rows["disc"] >= 0) | (rows["kind"] == LimitKind.BODY_TO_BODY)
+    found: LimitRows = rows[(rows["kind"] < LimitKind.SPEED) & beside]
     return found
 
 
