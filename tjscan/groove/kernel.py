@@ -10,7 +10,6 @@ import os
 from collections.abc import Sequence
 from functools import lru_cache
 from importlib import import_module
-from itertools import accumulate, pairwise
 from types import ModuleType
 from typing import Final
 
@@ -59,45 +58,42 @@ def refine_fit(
     known: Sequence[Array],
 ) -> FittedProfile | None:
     """What `refinement.refine_fit` gives."""
-    k, n = len(model), len(row)
-    sizes = (8 * k, 2 * k - 2, 2 * k - 2, k, k, k, k, k, 16 * k, 4 * k, 16 * k, 4 * k)
-    ends = [0, *accumulate((*sizes, 1))]
-    values, points, keep = np.empty(ends[-1]), np.empty((2, n)), np.empty(n, dtype=np.bool_)
+    n = len(row)
+    values, points, keep = _fit_record(len(model)).copy(), np.empty((2, n)), np.empty(n, np.bool_)
     found = compiled.refine_fit(
-        row.x_s,
-        row.z_s,
-        row.columns,
-        np.array(start.sides),
-        start.corners,
-        model_values(model),
-        np.array(known),
-        *(values, points, keep),
+        *(row.x_s, row.z_s, row.columns, np.array(start.sides), start.corners),
+        *(model_values(model), np.array(known), values.view(np.float64), points, keep),
         *(row.column_count, tolerance, annealed),
     )
     if found is None:
         return None
     finished, *edges = found
-    parts = [values[a:b] for a, b in pairwise(ends)]
-    curves, places = parts[0].tolist(), parts[1].tolist()
+    value = values[0]
     return FittedProfile(
-        curves=tuple(CubicCurve(*curves[i : i + 8]) for i in range(0, 8 * k, 8)),
-        places=tuple(zip(places[::2], places[1::2], strict=True)),
-        corners=parts[2].reshape(-1, 2),
+        curves=tuple(map(CubicCurve._make, value["curves"].tolist())),
+        places=tuple(map(tuple, value["places"].tolist())),
         edges=edges,
-        spans=tuple(map(slice, edges, edges[1:])),
         along=points[0],
         residuals=points[1],
         keep=keep,
-        sigmas=parts[3],
-        curved=parts[7] > 0,
-        equations=(parts[8].reshape(k, 4, 4), parts[9].reshape(k, 4)),
-        inverse=parts[10].reshape(k, 4, 4),
-        weight=parts[11].reshape(k, 4),
-        counts=parts[4].astype(np.intp),
-        middles=tuple(parts[5].tolist()),
-        variance_inflation=float(parts[12][0]),
-        straight=parts[6] if finished else None,
+        curved=value["curved"] > 0,
+        equations=(value["matrices"], value["right"]),
+        counts=value["counts"].astype(np.intp),
+        middles=tuple(value["middles"].tolist()),
+        variance_inflation=float(value["inflation"][0]),
+        straight=value["straight"] if finished else None,
+        **{name: value[name] for name in ("corners", "sigmas", "inverse", "weight")},
     )
+
+
+@lru_cache
+def _fit_record(k: int) -> Array:
+    """Room for what a compiled fit of k sides gives, in its order."""
+    corner, side, matrix, vector = (k - 1, 2), (k,), (k, 4, 4), (k, 4)
+    shapes = {"curves": (k, 8), "places": corner, "corners": corner, "sigmas": side, "counts": side}
+    shapes |= {"middles": side, "straight": side, "curved": side, "matrices": matrix}
+    shapes |= {"right": vector, "inverse": matrix, "weight": vector, "inflation": (1,)}
+    return np.empty(1, [(name, np.float64, shape) for name, shape in shapes.items()])
 
 
 @lru_cache

@@ -57,19 +57,16 @@ SCALE_CHANGE_PROBABILITY: Final = 0.1
 """Probability that scale or pull are no more as they were: then nothing is known of them."""
 
 
-def _pull_log_prior() -> Array:
-    width = np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / TYPICAL_NOTCH_PULL) ** 2)
-    share = (1 - NO_SCALE_PROBABILITY) * width / width[1:].sum()
-    share[0] = NO_SCALE_PROBABILITY
-    return readonly_copy(np.log(share))
+def _log_prior(weights: Array) -> Array:
+    """Logarithm of the probability of nothing, and of what weighs so much, shape (n,)."""
+    share = (1 - NO_SCALE_PROBABILITY) * weights / weights.sum()
+    return readonly_copy(np.log(np.concatenate(([NO_SCALE_PROBABILITY], share))))
 
 
-def _thickness_log_prior() -> Array:
-    share = np.full(
-        len(SCALE_THICKNESSES), (1 - NO_SCALE_PROBABILITY) / (len(SCALE_THICKNESSES) - 1)
-    )
-    share[0] = NO_SCALE_PROBABILITY
-    return readonly_copy(np.tile(np.log(share), (2, 1)))
+_PULL_LOG_PRIOR: Final = _log_prior(
+    (np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / TYPICAL_NOTCH_PULL) ** 2))[1:]
+)
+_THICKNESS_LOG_PRIOR: Final = np.tile(_log_prior(np.ones(len(SCALE_THICKNESSES) - 1)), (2, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,8 +115,8 @@ class GroovePrior:
 
     bends: Array = field(default_factory=lambda: np.zeros(2))
     bend_sigmas: Array = field(default_factory=lambda: np.full(2, inf))
-    log_pulls: Array = field(default_factory=_pull_log_prior)
-    log_thicknesses: Array = field(default_factory=_thickness_log_prior)
+    log_pulls: Array = field(default_factory=lambda: _PULL_LOG_PRIOR)
+    log_thicknesses: Array = field(default_factory=lambda: _THICKNESS_LOG_PRIOR)
 
     forms: frozenset[str] = frozenset()
 

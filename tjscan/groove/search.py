@@ -173,22 +173,12 @@ class _FitSearch:
                     settled = len(form.sides)
 
     def _refine(self, model: GrooveModel, start: Polyline) -> GrooveFit | None:
-        """Refine a chain; None if it fits no points, or leads to a fit that is known."""
-        known = [fit.fitted.corners for fit in self.found if fit.model is model]
-        fit = self._fit(model, start, known)
-        if fit is None or any(
-            np.abs(fit.fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known
-        ):
-            return None
-        self.found.append(fit)
-        return fit
+        """Refine a chain; None if its sides fit no points together, or lead to a fit that is known.
 
-    def _fit(self, model: GrooveModel, start: Polyline, known: list[Array]) -> GrooveFit | None:
-        """Refine a polyline, unless it leads to a fit whose corners are known.
-
-        None if its sides fit no points together.
+        What is found is kept.
         """
         row, runs, tolerance = self._row, self._runs, self.tolerance
+        known = [fit.fitted.corners for fit in self.found if fit.model is model]
         best: FittedProfile | None = None
         least = np.inf
         for sides, annealed in ((model.sides, True), (model.sides, False), (None, False)):
@@ -205,13 +195,16 @@ class _FitSearch:
                     best, least, costs = fitted, total, pays
             if least < start.cost + STRAYED_SUPPORT_SHARE * len(row.points):
                 break
-        if best is None:
+        if best is None or any(
+            np.abs(best.corners - other).max() < SAME_FIT_DISTANCE for other in known
+        ):
             return None
         seen = _points_beside_corners(best)
         cost = float(runs.total_cost(costs))
         cost += _cost_of_form(model) + UNREACHED_CORNER_COST * np.count_nonzero(~seen)
         objection = _reason_to_reject(best, model, self._settings)
-        return GrooveFit(row, model, best, cost, seen, objection)
+        self.found.append(GrooveFit(row, model, best, cost, seen, objection))
+        return self.found[-1]
 
     def explain_missing_groove(self) -> GrooveNotFound:
         """What a profile without a groove of this model shows instead."""

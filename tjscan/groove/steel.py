@@ -9,6 +9,7 @@ known better from the sections before.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import hypot, inf, isfinite, log, sqrt
 from typing import Final
 
@@ -26,11 +27,13 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
+from tjscan.groove.reflections import reflection_probability
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
     CubicCurve,
     GrooveFit,
+    Index,
     Polyline,
     corners_between_sides,
 )
@@ -42,6 +45,9 @@ MISLEADING_FLANK_SHARE: Final = 0.02
 
 POINTS_PER_SCALE_BLOCK: Final = 6
 """Points that are averaged."""
+
+INNER_POINTS: Final = slice(2, 4)
+"""Those of a block, in the order of their heights, whose mean is its median."""
 
 FEWEST_BLOCKS_OF_SIDE: Final = 5
 """Blocks of a side that show something."""
@@ -55,7 +61,7 @@ BLOCK_UNDULATION: Final = 0.02e-3
 STEEPEST_SLOPE_UNDER_SCALE: Final = 0.06
 """Slope against the fitted side that the steel under scale may have."""
 
-MOST_TRIED_SURFACES: Final = 240
+MOST_TRIED_SURFACES: Final = 160
 TRIED_MIDDLES: Final = (0.35, 0.5, 0.65)
 """Most surfaces that are tried through three blocks, and where the second is between the others."""
 
@@ -75,7 +81,7 @@ MISTAKEN_LEVEL_SHARE: Final = 0.1
 simulated ones."""
 
 MOST_REFLECTED_BESIDE_SCALE: Final = 0.08
-"""Share of reflections in a single profile up to which steps are due to scale."""
+"""Share of reflections up to which scale is looked for a second time."""
 
 STEP_BLOCK, FEWEST_SCALE_STEPS = 5, 2
 LEAST_SCALE_STEP: Final = 0.12e-3
@@ -200,16 +206,15 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
     s, d = base.local_coordinates(fit.row.points[own])
     d = d + pulled[own] - base.c3 * s**3
     blocks = near[: count * POINTS_PER_SCALE_BLOCK].reshape(count, POINTS_PER_SCALE_BLOCK)
-    along, heights = s[blocks].mean(axis=1), np.median(d[blocks], axis=1)
+    along, heights = (
+        s[blocks].mean(axis=1),
+        np.sort(d[blocks], axis=1)[:, INNER_POINTS].mean(axis=1),
+    )
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
     correlated = min(fitted.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
     sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
     expected, bend_sigma = side.expected_bend or 0.0, side.bend
-    # Parabolas through three blocks each, as far apart as can be and evenly drawn.
-    a, c = np.triu_indices(count, max(2, count // 3))
-    every = -(-len(a) // MOST_TRIED_SURFACES)
-    a, c = a[::every], c[::every]
-    b = np.clip(a + (c - a) * np.resize(TRIED_MIDDLES, len(a)), a + 1, c - 1).astype(np.intp)
+    a, b, c = _three_blocks(count)
     sa, sb, sc = along[a], along[b], along[c]
     first = (heights[b] - heights[a]) / (sb - sa)
     bend = ((heights[c] - heights[b]) / (sc - sb) - first) / (sc - sa)
@@ -221,6 +226,16 @@ def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
     costs += ((surfaces[:, 2] - expected) / bend_sigma) ** 2
     return SideWithScale(base, costs, surfaces, sigma, s, d, expected, bend_sigma)
+
+
+@lru_cache
+def _three_blocks(count: int) -> Index:
+    """Blocks through which surfaces are tried, far apart and evenly drawn of so many, (3, m)."""
+    first, last = np.triu_indices(count, max(2, count // 3))
+    every = -(-len(first) // MOST_TRIED_SURFACES)
+    first, last = first[::every], last[::every]
+    middle = first + (last - first) * np.resize(TRIED_MIDDLES, len(first))
+    return np.array((first, np.clip(middle, first + 1, last - 1), last), dtype=np.intp)
 
 
 def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
@@ -262,7 +277,8 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     if prior is None and (not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))):
         return fit
     bare, back = _fit_without_scale(fit, prior, tolerance)
-    if np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance:
+    moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
+    if moved and reflection_probability(bare.fitted) < MOST_REFLECTED_BESIDE_SCALE:
         # From there scale is seen that was too far off before.
         bare, back = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
     if prior is None or not fit.model.has_root_bead:
