@@ -31,9 +31,9 @@ WAVE_CURVATURE: Final = 0.05
 MOST_RUN_UPS: Final = 6
 """How often it runs up to a weld until it knows well enough where the torch is."""
 
-STRIKING_SHARE, GAINING_SHARE = 0.4, 0.8
+STRIKING_SHARE, GAINING_SHARE = 0.25, 0.8
 """Share of the standard deviation at which a weld is stopped to which the torch is known before it
-begins, unless another run-up left more than the other share of what it was: 0.24 of 0.6 mm."""
+begins, unless another run-up left more than the other share of what it was: 0.15 of 0.6 mm."""
 
 MOST_OFFSET_AT_REVERSAL: Final = 3e-3
 """Metres that the torch is off the joint at most where only a reversal can show more."""
