@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KERNEL_VERSION 3
+#define KERNEL_VERSION 4
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -27,6 +27,8 @@
 #define CORRELATION_POWER 1.6
 #define _LEAST_CORRELATION 0.01
 #define _SHORTEST_LAG 0.15
+#define GHOST_SIGMAS 0.7
+#define FEWEST_POINTS_OF_GHOST 3
 #define FEWEST_SIDE_POINTS 3
 #define POOLED_NOISE_POINTS 20
 #define OUTER_SIDE_REACH 3.0
@@ -366,9 +368,24 @@ typedef struct {
     double matrix[MOST_SIDES][16], rhs[MOST_SIDES][4], inverse[MOST_SIDES][16], weight[MOST_SIDES][4];
 } Fit;
 
+/* _drop_points_beside_ghosts of one side, whose points are first..last - 1. */
+static void drop_points_beside_ghosts(const Row *row, Py_ssize_t first, Py_ssize_t last)
+{
+    for (Py_ssize_t a = first, b; a < last; a = b) {
+        const int beside = (row->scaled[a] > GHOST_SIGMAS) - (row->scaled[a] < -GHOST_SIGMAS);
+        Py_ssize_t outliers = 0;
+        for (b = a; b < last; b++) {
+            if ((row->scaled[b] > GHOST_SIGMAS) - (row->scaled[b] < -GHOST_SIGMAS) != beside) break;
+            outliers += !row->keep[b];
+        }
+        if (a == first && b == last) return;
+        if (outliers >= FEWEST_POINTS_OF_GHOST) memset(row->keep + a, 0, (size_t)(b - a));
+    }
+}
+
 /* _fit_sides_once: from the curves and corners in `fit`, into it; 0 if there is no fit. */
 static int fit_sides_once(
-    const Row *row, Fit *fit, const double *limits, double weight[][4], const Side *sides)
+    const Row *row, Fit *fit, const double *limits, double weight[][4], const Side *sides, int settled)
 {
     const int k = fit->k;
     fit->edges[0] = 0;
@@ -389,6 +406,7 @@ static int fit_sides_once(
             row->scaled[i] = (d - (c.c0 + s * (c.c1 + s * (c.c2 + s * c.c3)))) * scale;
             row->keep[i] = fabs(row->scaled[i]) < OUTLIER_SIGMAS;
         }
+        if (settled && !sides[j].bead) drop_points_beside_ghosts(row, fit->edges[j], fit->edges[j + 1]);
     }
     if (row->is_left_out)
         for (Py_ssize_t i = 0; i < row->n; i++) row->keep[i] &= !row->left_out[i];
@@ -597,7 +615,7 @@ static int refine(
             fit->curved[j] = curved[j];
         }
         memcpy(before, fit->corners, sizeof before);
-        if (!fit_sides_once(row, fit, limits, weight, sides)) return 0;
+        if (!fit_sides_once(row, fit, limits, weight, sides, round >= widths)) return 0;
         for (Py_ssize_t m = 0; m < known_count; m++) {
             double apart = 0.0;
             for (int v = 0; v < 2 * (k - 1); v++)

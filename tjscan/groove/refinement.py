@@ -51,6 +51,12 @@ _LOG_TWO: Final = log(2)
 _LEAST_CORRELATION: Final = 0.01  # a correlation that is as good as none
 _SHORTEST_LAG: Final = 0.15  # columns: white noise
 
+GHOST_SIGMAS: Final = 0.7
+"""Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
+
+FEWEST_POINTS_OF_GHOST: Final = 3
+"""Outliers that make a run."""
+
 FEWEST_SIDE_POINTS: Final = 3
 """Points that a side can be fitted to."""
 
@@ -209,7 +215,8 @@ def refine_fit(
             # Nearly the same curves, written over their tangents.
             rebased = map(CubicCurve.rebased_at_tangent, start.sides, fitted.middles)
             start = start._replace(sides=tuple(rebased))
-        fitted = _fit_sides_once(row, start, limits, prior, curved, left_out)
+        steel = ~bead if count >= len(widths) else None
+        fitted = _fit_sides_once(row, start, limits, prior, curved, left_out, steel)
         if fitted is None:
             return None
         if any(np.abs(fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known):
@@ -289,8 +296,12 @@ def _fit_sides_once(
     prior: tuple[Array, Array],
     curved: NDArray[np.bool_],
     left_out: NDArray[np.bool_] | None,
+    steel: NDArray[np.bool_] | None,
 ) -> FittedProfile | None:
-    """Who owns which point, outliers, fits, corners."""
+    """Who owns which point, outliers, fits, corners.
+
+    On the sides `steel`, shape (k,), points beside ghosts are dropped.
+    """
     x, z = row.x_s, row.z_s
     cuts = (-x / z).searchsorted(-start.corners[:, 0] / start.corners[:, 1]).tolist()
     edges = [0, *cuts, len(row.points)]
@@ -309,6 +320,8 @@ def _fit_sides_once(
     s, d = x * ex + z * ez - es, x * ez - z * ex - ed
     scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
     keep = np.abs(scaled) < OUTLIER_SIGMAS
+    if steel is not None:
+        keep = _drop_points_beside_ghosts(scaled, keep, np.array(edges), steel)
     if left_out is not None:
         keep &= ~left_out
 
@@ -377,6 +390,21 @@ def _residual_sigmas(
     return np.asarray(
         (counts * sigma + POOLED_NOISE_POINTS * pooled) / (counts + POOLED_NOISE_POINTS)
     )
+
+
+def _drop_points_beside_ghosts(
+    scaled: Array, keep: NDArray[np.bool_], edges: Index, steel: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Drop points that lead over from a side of steel to a run of outliers beside it.
+
+    A bead's face is none: what leads over there is often a part of the bead.
+    """
+    beside = (scaled > GHOST_SIGMAS).view(np.int8) - (scaled < -GHOST_SIGMAS).view(np.int8)
+    starts = np.union1d(edges[:-1], np.flatnonzero(np.diff(beside)) + 1)
+    sizes, owner = np.diff(starts, append=edges[-1]), edges[1:-1].searchsorted(starts, "right")
+    leads_over = np.add.reduceat(~keep, starts, dtype=np.intp) >= FEWEST_POINTS_OF_GHOST
+    leads_over &= steel[owner] & (sizes < np.diff(edges)[owner])
+    return keep & ~leads_over.repeat(sizes)
 
 
 def _find_curled_rims(
