@@ -51,7 +51,7 @@ def test_corners_lie_where_their_rays_meet_the_flanks(
     for i, side, sign in places:
         own = fitted.curves[side].position_along_chord(*GROOVE.corners[1 + i].tolist())
         true = sign * (own - fitted.places[-2 + i][i])
-        assert abs(pull.inward[i] - true) < max(0.25 * true, 0.1 * MM)
+        assert abs(pull.inward[i] - true) < max(0.27 * true, 0.1 * MM)
 
 
 @pytest.mark.parametrize("seed", range(6))
