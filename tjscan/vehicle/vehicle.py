@@ -101,7 +101,8 @@ def merge_unread_states(states: Sequence[VehicleState], since: float | None = No
     if len(states) == 1:
         return states[0]
     times = [state.time for state in states]
-    periods = np.maximum(np.diff(times, prepend=since or 2 * times[0] - times[1]), 1e-6)
+    before = 2 * times[0] - times[1] if since is None else since
+    periods = np.maximum(np.diff(times, prepend=before), 1e-6)
 
     def mean(values: list[tuple[float, ...]]) -> tuple[float, ...]:
         weights = periods[[bool(value) for value in values]]
