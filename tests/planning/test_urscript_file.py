@@ -59,6 +59,7 @@ def run(plan: WeldPlan, *, arc: bool) -> tuple[Array, Array, Array]:
     tips, outputs = [], []
     for _ in range(int(60 * HZ)):
         controller.advance_one_tick()
+        controller.resume_program()  # an operator who lets each hold go at once
         tips.append((KINEMATICS.forward(controller.q) @ tcp)[:3, 3])
         outputs.append(bool(controller.digital_outputs >> OUTPUT & 1))
         if told[-1] == "program stopped":
@@ -148,7 +149,11 @@ def test_speed_follows_no_feed_that_is_not_set() -> None:
     script = path_to_urscript(StationPath("a", HOME, tuple(two)), plan.wps, OUTPUT, arc=True)
     feeds = [f"{one.bead.feed[0] * 60:.2f} m/min" for one in two]
     assert f"begins with {feeds[0]}" in script
-    assert f'popup("go on when the wire feed is set to {feeds[1]}"' in script
+    beads = script.split("# bead ")[1:]
+    for feed, lines in zip(feeds, beads, strict=True):
+        hold, strike = lines.index("popup"), lines.index(f"out({OUTPUT}, True)")
+        assert lines[hold:].startswith(f'popup("go on when the wire feed is set to {feed}"')
+        assert hold < strike
     varies = replace(now, feed=now.feed * np.linspace(1.0, 0.8, len(now.s)))
     one = BeadPath(bead.with_segments(varies, plan.wps), path[:1], path, path[-1:])
     with pytest.raises(ConfigurationError, match=r"along bead 1.*crater_feed") as refused:
@@ -168,12 +173,21 @@ def test_an_operator_lets_each_layer_go_on_when_the_other_station_has_welded_it(
     ]
     for before, after, says in (
         ((), ("b",), ("b has welded layer 1 and layer 1 is released", "b has welded layer 2")),
-        (("b",), (), ("layer 1", "layer 2 and layer 1 is released", "b has welded layer 3")),
+        (
+            ("b",),
+            (),
+            (
+                "layer 1 and the wire feed",
+                "layer 2 and layer 1 is released",
+                "b has welded layer 3",
+            ),
+        ),
         ((), (), ("layer 1 is released",)),
     ):
         whole = StationPath("a", HOME, tuple(beads), before, after)
         lines = path_to_urscript(whole, plan.wps, OUTPUT, arc=True).splitlines()
         holds = [line for line in lines if "popup" in line]
+        says = says if before else ("the wire feed is set", *says)
         assert len(holds) == len(says)
         assert all(one in line for one, line in zip(says, holds, strict=True))
         assert sum("sleep(60)" in line for line in lines) == 3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.power.height import ArcHeight, ArcHeightSettings
+from tjscan.power.height import FASTEST_HEIGHT_CHANGE, ArcHeight, ArcHeightSettings
 from tjscan.power.laws import ArcLaw
 
 LAW = ArcLaw()
@@ -45,3 +45,28 @@ def test_wire_that_slips_by_three_per_cent_passes_for_a_millimetre_of_height() -
     held = ArcHeight(ArcHeightSettings(most=0.5e-3))
     assert follow(held, np.zeros(3000), fed=0.97 * FEED)[-1] == pytest.approx(-0.5e-3)
     assert held.at_bound
+
+
+@pytest.mark.parametrize("misread", [0.0, 40.0, 120.0, 900.0])
+@pytest.mark.parametrize("at", [0, 20, 49, 50, 300])
+def test_single_currents_that_are_misread_move_no_torch(misread: float, at: int) -> None:
+    height = ArcHeight(ArcHeightSettings())
+    usual = LAW.current(FEED, STICK_OUT)
+    for k in range(600):
+        height.update(k * CYCLE, FEED, misread if at <= k < at + 3 else usual)
+        assert height.raised == pytest.approx(0.0, abs=1e-9)
+    assert not height.at_bound
+
+
+def test_torch_moves_no_faster_than_it_may_and_is_said_once_to_be_at_its_bound() -> None:
+    height, rng = ArcHeight(ArcHeightSettings()), np.random.default_rng(5)
+    raised, said = [], []
+    for k in range(6000):
+        off = 0.0 if k < 100 else 8e-3 if k < 300 else 1.0e-3
+        current = LAW.current(FEED, STICK_OUT + off + height.raised) + 2.0 * rng.normal()
+        raised.append(height.update(k * CYCLE, FEED, current))
+        said.append(height.at_bound)
+    assert np.abs(np.diff(raised)).max() <= 1.001 * FASTEST_HEIGHT_CHANGE * CYCLE
+    assert np.count_nonzero(np.diff(said)) == 1
+    before = height.raised  # after a pause no way is made up for at once
+    assert abs(height.update(100.0, FEED, 100.0) - before) < 0.3e-3

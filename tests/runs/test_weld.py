@@ -15,12 +15,12 @@ from grooves import Groove, Noise, draw
 
 from tjscan.core.errors import ConfigurationError, WeldStopped
 from tjscan.core.frames import Array, pose
-from tjscan.core.sourced import NumberSource, SourcedNumber
+from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
 from tjscan.groove.filled import KnownFlanks
 from tjscan.job.weld import read_weld_job
 from tjscan.planning.path import GrooveStations
 from tjscan.planning.wps import read_wps
-from tjscan.power.height import ArcHeightSettings
+from tjscan.power.height import FASTEST_HEIGHT_CHANGE, LONGEST_PERIOD, ArcHeightSettings
 from tjscan.power.sequence import ArcFault, ArcLimits
 from tjscan.power.simulated import PowerSimulationSettings, SimulatedPowerSource
 from tjscan.power.source import PowerSample
@@ -28,6 +28,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, _Samples, left_to_weld
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
+    HEIGHT_EVENT,
     ArcMessage,
     ArcStretchMessage,
     LookMessage,
@@ -41,10 +42,13 @@ from tjscan.runs.weld.look import (
     read_steel,
     surface_of_profiles,
 )
+from tjscan.runs.weld.report import _weld_findings
 from tjscan.runs.weld.results import (
     SIMULATED_WELD_NOTE,
     WELD_LOG_FILE,
+    RecordedWeld,
     read_recorded_weld,
+    weld_log,
 )
 from tjscan.runs.weld.run import LookSchedule, Weld, WeldContext, resume_weld, run_weld
 from tjscan.welding.replan import NextBead
@@ -536,3 +540,41 @@ def test_current_leads_a_torch_that_is_too_high_down_and_says_where_it_may_not()
     assert drops[1] < 0.3 * drops[0]
     assert 0.3 * drops[0] < drops[2] < drops[0]
     assert names == [0, 0, 1]
+
+
+class SourceWithGaps(SimulatedPowerSource):
+    """A source that gives no current from time to time."""
+
+    def state(self) -> PowerSample:
+        seen = super().state()
+        return replace(seen, current=ABSENT_NUMBER) if seen.time % 2.0 > 1.5 else seen
+
+
+def test_torch_stays_at_its_height_where_a_source_gives_no_current() -> None:
+    clock, journal, raised = SimulatedClock(), FailingJournal(lambda message: False), [0.0]
+    height = ArcHeightSettings(most=1e-3)
+    too_high = 1.5e-3
+
+    def over() -> float:
+        return raised[-1] + (too_high if clock.now > 2.0 else 0.0)
+
+    def raise_torch(s: float, by: float) -> None:
+        raised.append(by)
+
+    with SourceWithGaps(PowerSimulationSettings(), lambda: clock.now, over) as source:
+        wps = read_wps(ROOT / "examples" / "wps.toml")
+        welder = ArcWelder(
+            source, ArcLimits(), wps, clock, journal, lambda: False, True, height, raise_torch
+        )
+        assert welder.weld(bead_along(np.array((0.0, 0.06))), 0.0, 0.06)[1] is None
+    assert min(raised) == pytest.approx(-1e-3)
+    assert np.abs(np.diff(raised[2:])).max() <= 1.001 * FASTEST_HEIGHT_CHANGE * LONGEST_PERIOD
+    told = [
+        one.detail for one in journal.kept if isinstance(one, RunEvent) and one.name == "height"
+    ]
+    assert len(told) == 1
+    assert told[0].startswith("bead 1 at ")
+    event = RunEvent(HEIGHT_EVENT, told[0])
+    recorded = RecordedWeld({}, (), (), (), (event,))
+    assert told[0] in weld_log(ROOT, recorded)["height_at_bound"]
+    assert any(told[0] in one for one in _weld_findings(recorded))

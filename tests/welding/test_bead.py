@@ -127,3 +127,23 @@ def test_toes_of_a_pool_move_together_and_equal_sections_stay_as_they_are() -> N
     assert np.abs(np.diff(together.right)).max() < 1.5e-3
     area = np.sum(column_widths(rows) * (together.w - w), axis=1)
     np.testing.assert_allclose(area, 40e-6, rtol=1e-9)
+
+
+def test_a_stretch_does_not_depend_on_one_that_it_does_not_touch() -> None:
+    u = np.arange(-12e-3, 12e-3, 0.25e-3)
+
+    def lay_at(rows: Array) -> LaidBeads:
+        s, one = 2e-3 * rows, np.ones(len(rows))
+        slope = np.where(rows < 20, 1.2, -1.2)
+        w = np.maximum(0.0, slope[:, None] * u)
+        area = np.where(rows < 20, 20e-6, 45e-6) + 1e-6 * np.sin(rows)
+        return lay_beads(
+            BeadModel(), np.tile(u, (len(rows), 1)), w, centre=0.0 * one, width=10e-3 * one,
+            area=area, tilt=0.0 * one, s=s,
+        )  # fmt: skip
+
+    first: Array = np.arange(10.0)
+    for second in (np.arange(36.0, 50.0), np.arange(36.0, 37.0), np.arange(11.0, 12.0)):
+        both = lay_at(np.append(first, second))
+        np.testing.assert_allclose(both.w[:10], lay_at(first).w, atol=1e-12)
+        np.testing.assert_allclose(both.w[10:], lay_at(second).w, atol=1e-12)

@@ -5,7 +5,7 @@ two blends overlap (its manual), keeps to the speed through a blend with ``movep
 with an error if the tool turns back in one: blends here are a fifth of the shorter step beside
 them, and there are none where chords meet at more than 10 degrees, as at the ends of a weave's
 swings. No output sets the wire feed: with an arc, a bead whose feed varies has no program, and
-between two beads of other feeds the program waits for an operator.
+before the first bead and between two of other feeds the program waits for an operator.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ def path_to_urscript(path: StationPath, wps: WeldingProcedure, output: int, *, a
         if arc and i and wps.sequence.interpass_wait:
             lines.append(f"  sleep({wps.sequence.interpass_wait:g})")
         waits = [path.hold_text(i, wps)]
-        if arc and i and feeds[i] != feeds[i - 1]:
+        if arc and feeds[i] != (feeds[i - 1] if i else None):
             waits.append(f"the wire feed is set to {feeds[i]}")
         if hold := " and ".join(filter(None, waits)):
             lines.append(f'  popup("go on when {hold}", title="hold", blocking=True)')

@@ -8,14 +8,25 @@ for is therefore bounded about the height that a look gave, and said where it is
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.units import MM, SECONDS, SettingsTable
 from tjscan.power.laws import ArcLaw
+
+MEDIAN_SAMPLES: Final = 11
+"""The height follows the median of so many currents: a short circuit or a misread one moves it by
+nothing."""
+
+FASTEST_HEIGHT_CHANGE: Final = 5e-3
+"""At which the torch's height may change, m/s."""
+
+LONGEST_PERIOD: Final = 0.05
+"""Seconds between two currents that count, at most: none are made up for after a pause."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +42,7 @@ class ArcHeightSettings(SettingsTable):
     derivative : float
         Seconds of the deviation's rate.
     reference : float
-        Seconds of an arc whose mean current counts as that of the look's height.
+        Seconds of an arc whose median current counts as that of the look's height.
     most : float
         By which the torch may leave the look's height, metres.
     law : ArcLaw
@@ -59,13 +70,14 @@ class ArcHeight:
     raised : float
         By how much the torch is to be above the look's height, metres.
     at_bound : bool
-        Whether the current asks for more than may be.
+        Whether the current of this arc has asked for more than may be.
     """
 
     settings: ArcHeightSettings
     raised: float = 0.0
     at_bound: bool = False
     _usual: list[float] = field(default_factory=list)
+    _latest: deque[float] = field(default_factory=lambda: deque(maxlen=MEDIAN_SAMPLES))
     _begun: float | None = None
     _last: tuple[float, float] = (0.0, 0.0)
     _sum: float = 0.0
@@ -84,18 +96,22 @@ class ArcHeight:
         """
         settings = self.settings
         free_end = settings.law.stick_out(feed, max(current, 1.0))
+        self._latest.append(free_end)
         self._begun = time if self._begun is None else self._begun
         if time - self._begun < settings.reference:
             self._usual.append(free_end)
             self._last = time, 0.0
             return 0.0
-        off = free_end - float(np.mean(self._usual))
-        period, before = time - self._last[0], self._last[1]
+        # The free end goes as 1/I²: means would follow a single current near none.
+        off = float(np.median(self._latest) - np.median(self._usual))
+        period, before = min(time - self._last[0], LONGEST_PERIOD), self._last[1]
         self._last = time, off
         rate = (off - before) / period if period > 0 else 0.0
         most = settings.most
         self._sum = float(np.clip(self._sum + settings.integral * off * period, -most, most))
         asked = -(settings.proportional * off + self._sum + settings.derivative * rate)
-        self.at_bound = abs(asked) >= most
-        self.raised = float(np.clip(asked, -most, most))
+        self.at_bound |= abs(asked) >= most
+        furthest = FASTEST_HEIGHT_CHANGE * period
+        way = float(np.clip(asked, -most, most)) - self.raised
+        self.raised += float(np.clip(way, -furthest, furthest))
         return self.raised

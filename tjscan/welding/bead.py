@@ -205,6 +205,7 @@ def lay_beads(
         Of gravity in the section, from -w towards -u, radians: 0 is level, π/2 across.
     s : ndarray, shape (n,), optional
         Lengths along the groove, growing, metres: the toes of neighbours then move together.
+        Where more than a step lies between two, a stretch ends: it moves by itself.
 
     Raises
     ------
@@ -215,9 +216,11 @@ def lay_beads(
     widths = column_widths(u)
     (middle,) = interpolate_rows(centre, u, lengths)
     toes = np.stack((middle - 0.5 * width, middle + 0.5 * width))
-    pool = 0.0 if s is None or len(s) < 2 else POOL_LENGTH / float(np.median(np.diff(s)))
+    steps = np.diff([] if s is None else s)
+    step = float(steps.min(initial=np.inf))
+    stretches = np.split(np.arange(len(u)), np.flatnonzero(steps > 1.5 * step) + 1)
     cosine, sine = np.cos(tilt), np.sin(tilt)
-    for step in range(CONTACT_STEPS + 1):
+    for turn in range(CONTACT_STEPS + 1):
         toes = np.clip(toes, lengths[:, 0] + 2 * SOLID_REACH, lengths[:, -1] - 2 * SOLID_REACH)
         ends = [interpolate_rows(toe, lengths, u, w) for toe in toes]
         (u_left, w_left), (u_right, w_right) = ends
@@ -238,12 +241,15 @@ def lay_beads(
         )
         solid = _solid_angles(lengths, u, w, toes)
         contact = (rise - solid) * np.array((1.0, -1.0))[:, None]
-        if step == CONTACT_STEPS:
+        if turn == CONTACT_STEPS:
             break
         excess = contact - np.clip(contact, model.least_contact, model.largest_contact)
         way = CONTACT_STEP_GAIN * width * excess
-        if pool:
-            way = gaussian_filter1d(way, pool, axis=1, mode="nearest")
+        if len(steps):
+            for on in stretches:
+                way[:, on] = gaussian_filter1d(
+                    way[:, on], POOL_LENGTH / step, axis=1, mode="nearest"
+                )
         # A toe does not pass the other one.
         spare = np.maximum(0.5 * (toes[1] - toes[0] - NARROWEST_BEAD), 0.0)
         toes = toes + np.maximum(way, -spare) * np.array((-1.0, 1.0))[:, None]

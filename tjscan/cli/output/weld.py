@@ -15,7 +15,7 @@ from tjscan.job.weld import WeldJob
 from tjscan.power.sequence import ArcFault
 from tjscan.recording.journal import RunEvent
 from tjscan.report.write import write_run_report
-from tjscan.runs.weld.journal import ArcMessage, LookMessage, PlannedBeadMessage
+from tjscan.runs.weld.journal import HEIGHT_EVENT, ArcMessage, LookMessage, PlannedBeadMessage
 from tjscan.runs.weld.results import SIMULATED_WELD_NOTE, WELD_LOG_FILE, read_recorded_weld
 from tjscan.runs.weld.run import WeldContext, nobody_objects
 
@@ -41,7 +41,13 @@ class WeldPrinter:
                     f"look after bead {message.beads}: {100 * message.read.mean():.0f} % read, "
                     f"torch {deviation_text(message)} mm off, deposition {message.gain:.3f}"
                 )
-            case RunEvent() if message.name in ("stop", "not read", "retract", "dry run"):
+            case RunEvent() if message.name in (
+                "stop",
+                "not read",
+                "retract",
+                "dry run",
+                HEIGHT_EVENT,
+            ):
                 print_message(f"{message.name}: {message.detail}")
 
 

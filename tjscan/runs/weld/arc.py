@@ -17,7 +17,12 @@ from tjscan.power.height import ArcHeight, ArcHeightSettings
 from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
 from tjscan.power.source import PowerSample, PowerSetting, PowerSource
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
-from tjscan.runs.weld.journal import ARC_BEGUN_EVENT, ArcMessage, ArcStretchMessage
+from tjscan.runs.weld.journal import (
+    ARC_BEGUN_EVENT,
+    HEIGHT_EVENT,
+    ArcMessage,
+    ArcStretchMessage,
+)
 from tjscan.welding.replan import NextBead
 
 CYCLE_TIME: Final = 0.01
@@ -204,7 +209,7 @@ class ArcWelder:
                 seen.speed.append(speed)
                 seen.feed.append(setting.feed)
                 seen.sample.append(arc.sample)
-                self._follow_current(height, s, setting, arc.sample)
+                self._follow_current(height, bead.number, s, setting, arc.sample)
                 feed = float(np.interp(s, bead.s, bead.feed))
                 if abs(feed - setting.feed) >= FEED_STEP:
                     setting = PowerSetting(feed)
@@ -212,17 +217,23 @@ class ArcWelder:
         return s
 
     def _follow_current(
-        self, height: ArcHeight | None, s: float, setting: PowerSetting, sample: PowerSample
+        self,
+        height: ArcHeight | None,
+        number: int,
+        s: float,
+        setting: PowerSetting,
+        sample: PowerSample,
     ) -> None:
-        """Lead the torch to the height that the current asks for; says where it may not go on."""
-        raised = 0.0
+        """Lead the torch to the height that the current asks for; says once where it may not."""
+        raised = 0.0 if height is None else height.raised
         if height is not None and sample.current.value is not None:
             before = height.at_bound
             raised = height.update(sample.time, setting.feed, sample.current.value)
             if height.at_bound and not before:
-                where = f"at {1e3 * s:.1f} mm the current asks for more than {1e3 * raised:+.1f} mm"
+                asked = f"the current asks for more than {1e3 * raised:+.1f} mm over the plan"
                 why = "the look has the surface elsewhere, or wire slips (3 % are 1.1 mm)"
-                self.journal.record(RunEvent("height", f"{where} over the plan: {why}"))
+                where = f"bead {number + 1} at {1e3 * s:.1f} mm"
+                self.journal.record(RunEvent(HEIGHT_EVENT, f"{where}: {asked}: {why}"))
         self.raise_torch(s, raised)
 
     def _settle(self, arc: ArcSequence) -> None:

@@ -18,6 +18,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE, job_label_of_run
 from tjscan.runs.weld.journal import (
+    HEIGHT_EVENT,
     WELD_RECORDING,
     ArcMessage,
     ArcStretchMessage,
@@ -132,6 +133,7 @@ def weld_log(directory: Path, found: RecordedWeld) -> dict[str, Any]:
         "beads": [_bead_entry(found, bead) for bead in found.beads.values()],
         "looks": [_look_entry(look, found.source) for look in found.looks],
         "stops": [event.detail for event in found.events if event.name == "stop"],
+        "height_at_bound": [event.detail for event in found.events if event.name == HEIGHT_EVENT],
     }
 
 
