@@ -142,6 +142,11 @@ def test_deviations_of_angles_are_those_of_estimates_from_scattered_poses() -> N
     stated = angle_deviations(FREE, HELD, mean, BENT_POSES, trust)
     stated = np.sqrt(stated**2 - LEAST_ANGLE_DEVIATION**2)
     np.testing.assert_allclose(stated, np.std(scattered, axis=0), rtol=0.25)
+    halves = np.tile((1e-3, 0.005), (2, 1))
+    filtered = angle_deviations(FREE, HELD, mean, BENT_POSES, trust, halves)
+    np.testing.assert_allclose(
+        np.sqrt(filtered**2 - LEAST_ANGLE_DEVIATION**2), stated / 2, rtol=1e-6
+    )
 
 
 def test_the_force_on_a_vehicle_is_the_slope_of_the_cables_energy() -> None:

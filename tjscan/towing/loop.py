@@ -335,7 +335,7 @@ class CableTow:
         if self._off_plan(estimate, last) > WELDER_OFF_PLAN:
             welder = poses[-1]
         return self._planner.plan(
-            PlanInputs(poses, welder, PLAN_PERIOD, self._last, obstacles, stopped)
+            PlanInputs(poses, welder, PLAN_PERIOD, self._last, obstacles, stopped, estimate.sigmas)
         )
 
     def _send_targets(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:

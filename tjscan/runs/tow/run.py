@@ -254,9 +254,8 @@ def _replan_cycle(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: Towi
     obstacles = [DiscObstacle(x, y, r, (vx, vy)) for x, y, r, vx, vy in np.array(cycle.obstacles)]
     began = host.thread_time()
     welder_pose = seam.pose_at(cycle.along)
-    plan = planner.plan(
-        PlanInputs(cycle.poses, welder_pose, PLAN_PERIOD, last, obstacles, cycle.stopped)
-    )
+    measured = (cycle.poses, welder_pose, PLAN_PERIOD, last, obstacles, cycle.stopped)
+    plan = planner.plan(PlanInputs(*measured, cycle.sigmas))
     seconds = host.thread_time() - began
     if plan.halt:
         still = np.zeros_like(cycle.asked)

@@ -392,7 +392,12 @@ def pull_on_welder(
 
 
 def angle_deviations(
-    cable: Cable, held_links: Sequence[int], now: CableEstimate, poses: Array, trust: PoseAccuracy
+    cable: Cable,
+    held_links: Sequence[int],
+    now: CableEstimate,
+    poses: Array,
+    trust: PoseAccuracy,
+    sigmas: Array | None = None,
 ) -> Array:
     """Standard deviations of the estimated joint angles, radians, shape (N,).
 
@@ -404,10 +409,13 @@ def angle_deviations(
     cable, held_links, poses, trust
         As of `estimate_shape`.
     now : CableEstimate
+    sigmas : ndarray, shape (vehicles, 2), optional
+        As of `PlanInputs`.
     """
     problem = energy_problem_arrays(cable, held_links, poses, trust, now)
     _, turns, by_floor = _turns_by_poses(now.angles, problem)
-    weights = np.sqrt(problem.stiff[:, (0, 0, 1)]).reshape(-1, 1)  # one over standard deviations
+    errors = 1 / np.sqrt(problem.stiff) if sigmas is None else sigmas
+    weights = (problem.stiff * errors)[:, (0, 0, 1)].reshape(-1, 1)
     doubts = np.vstack((weights * turns, cable.friction_doubt * by_floor))
     return np.asarray(np.sqrt((doubts**2).sum(axis=0) + LEAST_ANGLE_DEVIATION**2))
 

@@ -165,6 +165,9 @@ class PlanInputs:
         As they are now.
     stopped : collection of int
         Vehicles that no longer move: their links stay where they are.
+    sigmas : ndarray, shape (vehicles, 2), optional
+        Standard deviations of the poses' places, metres, and headings, radians; without, those of
+        single poses.
     """
 
     poses: Array
@@ -173,6 +176,7 @@ class PlanInputs:
     last: TowingPlan | None = None
     obstacles: Sequence[DiscObstacle] = ()
     stopped: Collection[int] = ()
+    sigmas: Array | None = None
 
 
 class ShapePlanner(Protocol):

@@ -140,6 +140,7 @@ class TowingPlanner:
         if astray is None:
             return plan
         link, words = astray
+        words = f"{plan.retreat}; {words}" if plan.retreat else words
         piece, sent = int(np.searchsorted(self._held, link)), inputs.last
         if sent is None:
             return plan
@@ -217,7 +218,7 @@ class TowingPlanner:
         known = (self.cable, held, now, poses, settings.trust)
         forces, tension = (None, None) if last is None else cable_forces(*known)
         near = last is not None and np.abs(now.angles).max() > NEAR_LIMIT * self.cable.joint_limit
-        deviations = angle_deviations(*known) if near else None
+        deviations = angle_deviations(*known, inputs.sigmas) if near else None
         return shape.plan(
             iterations=iterations,
             halt=halt,
