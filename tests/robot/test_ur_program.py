@@ -1,11 +1,10 @@
 """Programs of our own on a controller: run to their end, watched, stopped, outputs left off."""
 
-import socket
 import threading
 from collections.abc import Iterator
 
 import pytest
-from ur_cell import HOME, KINEMATICS, address, arm_at, output_is_on
+from ur_cell import HOME, KINEMATICS, address, arm_at, output_is_on, tell_dashboard
 
 from tjscan.core.errors import ArmFault, PoseNotReached
 from tjscan.core.frames import pose
@@ -70,20 +69,20 @@ def test_a_program_that_somebody_else_ends_is_told_from_one_that_came_to_its_end
     assert not output_is_on(loopback.host, OUTPUT)
 
 
-def tell_dashboard(host: str, line: str) -> None:
-    with socket.create_connection((host, 29999), 5) as link, link.makefile("rw") as words:
-        words.readline()
-        words.write(f"{line}\n")
-        words.flush()
-        words.readline()
-
-
 def test_a_program_that_holds_goes_on_once_it_is_let(loopback: UrLoopbackProcess) -> None:
     """And the operator takes longer than the controller waits for a sign of life."""
     operator = threading.Timer(1.5, tell_dashboard, (loopback.host, "play"))
     hold = '  sleep(0.2)\n  popup("go on", blocking=True)\n'
     with arm_at(loopback.host) as arm:
         arm.run_program(moving(0.1, hold), operator.start)
+    operator.join()
+    assert not output_is_on(loopback.host, OUTPUT)
+
+
+def test_a_program_that_holds_at_once_has_begun(loopback: UrLoopbackProcess) -> None:
+    operator = threading.Timer(0.5, tell_dashboard, (loopback.host, "play"))
+    with arm_at(loopback.host) as arm:
+        arm.run_program(moving(0.1, '  popup("go on", blocking=True)\n'), operator.start)
     operator.join()
     assert not output_is_on(loopback.host, OUTPUT)
 

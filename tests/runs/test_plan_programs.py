@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from command import tjscan
 from procedures import EXAMPLE, WPS_TEXT, wps_beside
-from ur_cell import address, output_is_on
+from ur_cell import address, output_is_on, tell_dashboard
 
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
@@ -204,6 +204,7 @@ def test_no_arc_is_struck_after_a_plan_that_is_out_of_the_wps(
 def _interrupt_once_on(host: str) -> None:
     pause = threading.Event()
     while not output_is_on(host, OUTPUT):
+        tell_dashboard(host, "play")  # the wire feed is set
         pause.wait(0.2)
     interrupt_main_thread()
 

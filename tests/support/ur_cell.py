@@ -1,6 +1,7 @@
 """Loopback controllers for tests, each on an address of its own."""
 
 import os
+import socket
 from itertools import count
 from pathlib import Path
 
@@ -65,3 +66,12 @@ def output_is_on(host: str, number: int) -> bool:
         return bool(link.getDigitalOutState(number))
     finally:
         link.disconnect()
+
+
+def tell_dashboard(host: str, line: str) -> None:
+    """Send a line to the dashboard server, as an operator at the panel does."""
+    with socket.create_connection((host, 29999), 5) as link, link.makefile("rw") as words:
+        words.readline()
+        words.write(f"{line}\n")
+        words.flush()
+        words.readline()

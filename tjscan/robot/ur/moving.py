@@ -345,9 +345,9 @@ def _send_script(session: ControllerSession, script: str) -> None:
 
 
 def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
-    """Wait until a program runs, or none does."""
-    limit = time.monotonic() + MOVE_START_LIMIT
-    while (session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING) != runs:
+    """Wait until a program runs, or holds already, or none does."""
+    limit, begun = time.monotonic() + MOVE_START_LIMIT, (PROGRAM_PLAYING, *PROGRAM_WAITING)
+    while (session.read_state(beside_program=True).runtime_state in begun) != runs:
         if time.monotonic() > limit:
             verb = "begin the program" if runs else "end the program before"
             raise errors.ProgramStopped(f"the controller does not {verb}. Read its log.")
