@@ -37,7 +37,7 @@ class WeldSimulationSettings(WeldFaults):
     seed : int
         Of all that wanders.
     height : float
-        By which the torch is too high at the end of the groove; at its start it is not. Metres.
+        By which the torch is too high at the end of the groove, metres; at its start it is not.
     """
 
     seed: Annotated[int, Ge(0)] = 1
