@@ -102,7 +102,7 @@ def merge_unread_states(states: Sequence[VehicleState], since: float | None = No
         return states[0]
     times = [state.time for state in states]
     before = 2 * times[0] - times[1] if since is None else since
-    periods = np.maximum(np.diff(times, prepend=before), 1e-6)
+    periods = np.maximum(np.diff(times, prepend=before), PERIOD_SUM_TOLERANCE)
 
     def mean(values: list[tuple[float, ...]]) -> tuple[float, ...]:
         weights = periods[[bool(value) for value in values]]

@@ -166,10 +166,10 @@ WELD_STOP_EVENT: Final = "stop"
 """Name of the event that a weld was stopped."""
 
 ARC_BEGUN_EVENT: Final = "arc begun"
+"""Name of the event that an arc is about to be struck: an `ArcMessage` follows."""
 
 HEIGHT_EVENT: Final = "height"
 """The event of an arc whose current asked for more height than the torch may take."""
-"""Name of the event that an arc is about to be struck: an `ArcMessage` follows."""
 
 WeldMessage = PlannedBeadMessage | ArcMessage | ArcStretchMessage | LookMessage | RunEvent
 
