@@ -10,14 +10,8 @@ import shapely
 from scipy.sparse.csgraph import connected_components
 
 from tjscan.core.frames import Array
+from tjscan.towing import tables
 from tjscan.towing.seam import Seam
-from tjscan.towing.tables import (
-    AreaSettings,
-    CableRootSettings,
-    ObstacleSettings,
-    Point,
-    SeamSettings,
-)
 
 SEAM_SAMPLE_STEP: Final = 0.1
 """Metres of seam between two places that are checked."""
@@ -41,10 +35,10 @@ class TowFloor(NamedTuple):
         Lengths of cable before the vehicles, metres.
     """
 
-    area: AreaSettings
-    root: CableRootSettings
-    seam: SeamSettings
-    obstacles: Sequence[ObstacleSettings]
+    area: tables.AreaSettings
+    root: tables.CableRootSettings
+    seam: tables.SeamSettings
+    obstacles: Sequence[tables.ObstacleSettings]
     body: float
     pieces: Array
 
@@ -169,7 +163,7 @@ def _can_vehicles_pass(floor: TowFloor, radius: float) -> bool:
     return bool(is_beside.any(axis=0).all())
 
 
-def _crossing_contradictions(ring: Sequence[Point], key: str) -> Iterator[tuple[str, str]]:
+def _crossing_contradictions(ring: Sequence[tables.Point], key: str) -> Iterator[tuple[str, str]]:
     """Yield where a polygon crosses or touches itself."""
     polygon = shapely.Polygon(ring)
     why = shapely.is_valid_reason(polygon)

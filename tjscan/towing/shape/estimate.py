@@ -420,33 +420,6 @@ def angle_deviations(
     return np.asarray(np.sqrt((doubts**2).sum(axis=0) + LEAST_ANGLE_DEVIATION**2))
 
 
-def ways_by_poses(
-    cable: Cable,
-    held_links: Sequence[int],
-    now: CableEstimate,
-    poses: Array,
-    trust: PoseAccuracy,
-    gradient: Array,
-) -> Array:
-    """How a figure grows with the vehicles' poses, shape (vehicles, 3), as the floor holds now.
-
-    Parameters
-    ----------
-    cable, held_links, poses, trust
-        As of `estimate_shape`.
-    now : CableEstimate
-    gradient : ndarray, shape (N,)
-        Of the figure, by the joints' angles.
-    """
-    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    _, turns, _ = _turns_by_poses(now.angles, problem)
-    ways = np.zeros((len(poses), 3))
-    known = np.isfinite(poses).all(axis=1)
-    ways[known] = problem.stiff[:, (0, 0, 1)] * (turns @ gradient).reshape(-1, 3)
-    ways[:, 2] = 0.0
-    return ways
-
-
 @compiled
 def _turns_by_poses(angles: Array, problem: EstimateArrays) -> tuple[Array, Array, Array]:
     """How x, y and heading of held links move with the angles of least energy, shape (3 M, N).

@@ -568,13 +568,6 @@ class LimitedProblem:
             count = _fill_limit_rows_of_tuples(rows, band, angles, links, limits, obstacles)
         return rows[:count]
 
-    def gradients(self, rows: LimitRows, angles: Array) -> Array:
-        """Derivatives of rows' margins by the angles, shape (R, N)."""
-        links, gradients = np.empty((len(angles), 5)), np.empty((len(rows), len(angles)))
-        place_links(angles, self.arrays.root, self.arrays.length, links)
-        limit_gradients(rows, self.arrays.root, links, gradients)
-        return gradients
-
     def describe(self, row: np.void, texts: Sequence[str] = LIMIT_NAMES) -> str:
         """The text of a row's kind with its figures: its name, or how a shape breaks it."""
         link, other, disc = int(row["link"]), int(row["other"]), int(row["disc"])

@@ -18,7 +18,6 @@ from tjscan.towing.shape.estimate import (
     cable_forces,
     estimate_shape,
     pull_on_welder,
-    ways_by_poses,
 )
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import (
@@ -70,9 +69,6 @@ NEAR_LIMIT: Final = 0.05
 """Metres to spare below which the estimated cable is near to a limit: some periods of a vehicle's
 way."""
 
-RELIEF_STEP: Final = 2e-3
-"""Metres that vehicles are led at a time to bend a joint less, or a link farther off."""
-
 LED_STEPS: Final = 5
 """In which it is found how the floor bends the cable on the way to a plan: what slides first
 depends on the way, and a single step finds other bends."""
@@ -123,15 +119,14 @@ class TowingPlanner:
         self.settings = settings or PlannerSettings()
         self._held = np.array(team.held_links, dtype=np.int64)
         self._floor = Obstacles.of_area(area)
+        self._bend_limit = max(self.settings.bend_limit, cable.joint_limit)
 
     def plan(self, inputs: PlanInputs) -> TowingPlan:
         """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`.
 
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
         planned to, or a link come nearer to something. Then the vehicle on one side of it stays
-        where it was sent, or on both, or all but one. If none of that helps, those beside it are
-        led to where the joint is bent less, or the link is farther off; else all stay. The welder
-        waits.
+        where it was sent, or on both, or all but one, or all, and the welder waits.
 
         Raises
         ------
@@ -146,11 +141,8 @@ class TowingPlanner:
         words = f"{plan.retreat}; {words}" if plan.retreat else words
         towing, piece = np.arange(len(self._held)), int(np.searchsorted(self._held, row["link"]))
         after, before, sent = towing == piece, towing == piece - 1, last.held_poses
-        planned = (~after, ~before, ~(after | before), *(towing == v for v in towing[:-1]))
-        tries = [np.where(moves[:, None], plan.held_poses, sent) for moves in planned]
-        relief = self._way_of_relief(limits, now, inputs, row)
-        tries += [sent + moves[:, None] * relief for moves in (after | before, after, before)]
-        for poses in tries:
+        for moves in (~after, ~before, ~(after | before), *(towing == v for v in towing[:-1])):
+            poses = np.where(moves[:, None], plan.held_poses, sent)
             tried = replace(plan, held_poses=poses, retreat=words)
             if not self._led_astray(limits, now, tried):
                 return tried
@@ -189,11 +181,6 @@ class TowingPlanner:
             words = f"joint {joint} would be bent by {bend}, and its limit is {limit}"
         return row, f"the floor holds the cable back: {words}"
 
-    @property
-    def _bend_limit(self) -> float:
-        """Radians that a joint may be bent by as the floor holds the cable."""
-        return max(self.settings.bend_limit, self.cable.joint_limit)
-
     def _heeded_rows(
         self, limits: LimitedProblem, plan: TowingPlan, angles: Array, links: Array, band: float
     ) -> LimitRows:
@@ -203,26 +190,14 @@ class TowingPlanner:
         """
         rows = limits.rows(angles, band + LARGEST_OVERLAP, links)
         kind, disc, joint = rows["kind"], rows["disc"] >= 0, rows["kind"] == LimitKind.JOINT
-        free = ~disc & (kind != LimitKind.BODY_TO_BODY) & ~joint
-        rows["margin"] += np.where(free, LARGEST_OVERLAP, 0.0)
-        heeded = joint if plan.deviations is not None else np.zeros(len(rows), dtype=bool)
-        if plan.deviations is not None:
-            doubt = BEND_DEVIATIONS * plan.deviations[rows["link"]]
-            rows["margin"] += joint * (self._bend_limit - self.cable.joint_limit - doubt)
-        heeded |= disc | ((kind > LimitKind.LINK_TO_OBSTACLE) & (kind < LimitKind.SPEED))
+        doubts = np.zeros(len(angles)) if plan.deviations is None else plan.deviations
+        reserve = self._bend_limit - self.cable.joint_limit - BEND_DEVIATIONS * doubts[rows["link"]]
+        overlap = np.where(disc | (kind == LimitKind.BODY_TO_BODY), 0.0, LARGEST_OVERLAP)
+        rows["margin"] += np.where(joint, reserve, overlap)
+        heeded = disc | ((kind > LimitKind.LINK_TO_OBSTACLE) & (kind < LimitKind.SPEED))
+        heeded |= joint & (plan.deviations is not None)
         found: LimitRows = rows[heeded & (rows["margin"] < band)]
         return found
-
-    def _way_of_relief(
-        self, limits: LimitedProblem, now: CableEstimate, inputs: PlanInputs, row: np.void
-    ) -> Array:
-        """Ways on which each towing vehicle adds most to a limit's margin, shape (vehicles, 3)."""
-        gradient = limits.gradients(np.array([row]), now.angles)[0]
-        held, trust = self.team.held_links, self.settings.trust
-        ways = ways_by_poses(self.cable, held, now, inputs.poses, trust, gradient)
-        ways[[*inputs.stopped, self.team.welder]] = 0.0
-        size = np.linalg.norm(ways, axis=1, keepdims=True)
-        return np.asarray(RELIEF_STEP * ways / np.maximum(size, 1e-300))
 
     def _plan_shape(self, inputs: PlanInputs) -> tuple[LimitedProblem, CableEstimate, TowingPlan]:
         """The problem, the estimate, and the best shape, as if the floor did not hold it back."""
