@@ -16,15 +16,14 @@ from tjscan.groove.reflections import (
     MEETING_REACH,
     MOST_REFLECTION_PROBABILITY,
     SHARE_ENDING_AT_SURFACE,
+    gaps_beside_corners,
     is_outnumbered,
     reflection_probability,
     share_in_long_stretches,
-    sides_that_meet,
     without_seam_cap,
 )
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.groove.settings import TEE_PARTLY_FILLED
-from tjscan.groove.shape import gaps_beside_corners
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -248,14 +247,14 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     where these, drawn on, meet.
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
-    meets = sides_that_meet(fitted)[-2:].tolist()
+    gaps = gaps_beside_corners(fitted)[-2:]
+    meets = (gaps.max(axis=1) < MEETING_REACH).tolist()
     points = int(fitted.counts[-2])
     outnumbered = is_outnumbered(fit.row, fitted, -2)
     if all(meets) and not outnumbered:
         return found
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
-    gaps = gaps_beside_corners(fitted)[-2:]
     if gaps.max(axis=1).min() > MEETING_REACH:
         points //= 2
     for k, curve in ((0, bevel), (2, leg)):
