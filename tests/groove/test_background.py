@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from _second_caster import SECOND_GROOVES, SecondFault
-from _steel import GROOVES, shoot
+from _second_caster import SECOND_GROOVES, SecondFault, WedgeGroove, WedgeProfile
+from _steel import GROOVES, PosedProfile, shoot
+from _steel import Groove as SteelGroove
 from grooves import MM, Groove, Noise, draw, seen, turned
 
 from tjscan.core.errors import GrooveNotFound
@@ -25,7 +26,9 @@ MOST_SURELY_WRONG = 0.02
 """Share of sections that may have a corner surely on spatter: one in eighty has."""
 
 
-def errors_and_sigmas(section: GrooveSection, groove: Groove) -> tuple[Array, Array]:
+def errors_and_sigmas(
+    section: GrooveSection, groove: Groove | SteelGroove | WedgeGroove
+) -> tuple[Array, Array]:
     off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
     return off, np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2))
 
@@ -83,6 +86,12 @@ def test_the_part_of_a_root_that_hangs_on_to_a_side_is_its_face(seed: int, end: 
     assert off[sigma < SURE].max() < 1 * MM
 
 
+def shot_of(row: str, k: int) -> PosedProfile | WedgeProfile:
+    """The k-th profile of a row of the bench."""
+    fault = next(fault for fault in (*GROOVES, *SECOND_GROOVES) if fault.name == row)
+    return fault.shoot(k) if isinstance(fault, SecondFault) else shoot(fault, k)
+
+
 HARD_SCENES = [
     ("several at once", 97053),
     ("several at once", 200025),
@@ -96,14 +105,20 @@ stray points beside them: each was stated to 0.4 mm once, and 1.6 to 59 mm off."
 
 @pytest.mark.parametrize(("row", "k"), HARD_SCENES)
 def test_no_corner_is_surely_where_only_strays_and_reflections_show_it(row: str, k: int) -> None:
-    fault = next(fault for fault in (*GROOVES, *SECOND_GROOVES) if fault.name == row)
-    shot = fault.shoot(k) if isinstance(fault, SecondFault) else shoot(fault, k)
+    shot = shot_of(row, k)
     try:
         section = read_groove(Profile(*shot.points.T))
     except GrooveNotFound:
         return
     off, sigma = errors_and_sigmas(section, shot.groove)
     assert off[sigma < SURE].max(initial=0.0) < 1 * MM
+
+
+def test_spatter_on_both_flanks_is_no_face_in_front_of_the_root() -> None:
+    """The flanks are seen to go on behind it."""
+    shot = shot_of("second caster, spatter", 200110)
+    section = read_groove(Profile(*shot.points.T))
+    assert errors_and_sigmas(section, shot.groove)[0].max() < 0.1 * MM
 
 
 @pytest.mark.parametrize("seed", range(2))
