@@ -172,7 +172,7 @@ def _section_with_face(fit: GrooveFit, covariance: Array, seam: tuple[str, ...])
     root = fitted.curves[-2]
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
     bow, chord, hollow = _height_and_area_of_face(root, start, end)
-    spread = covariance[np.ix_(index, index)]
+    spread = covariance[index][:, index]
     spread[2:6, 2:6] += _covariance_if_face_is_reflection(fit)
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
