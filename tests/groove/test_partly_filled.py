@@ -130,6 +130,14 @@ def test_one_bead_of_three_is_no_tack() -> None:
         assert section.area == pytest.approx(area_left(GROOVE, sides), rel=0.01)
 
 
+@pytest.mark.parametrize("share", [0.25, 0.35, 0.45])
+def test_a_bead_as_high_as_a_tack_is_one_however_wide_it_is(share: float) -> None:
+    """From 18 mm on it is read as a weld that fills the groove."""
+    section = read_groove(seen(filled(GROOVE, share, 0.25), NOISE))
+    assert section.on_tack
+    assert section.absent == ("p3", "p4")
+
+
 @pytest.mark.parametrize("bevel", [10 * MM, 14 * MM])
 def test_a_shallow_rest_over_a_narrow_weld_is_read(bevel: float) -> None:
     """A narrow weld looks like a root's face: it need not be named to be welded over."""
