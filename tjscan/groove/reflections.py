@@ -22,6 +22,8 @@ from tjscan.core.frames import Array, stretches_of_true_values
 from tjscan.groove import kernel
 from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
+    LEAST_NOISE,
+    OUTLIER_SIGMAS,
     FittedProfile,
     GrooveFit,
     Index,
@@ -318,6 +320,19 @@ def is_outnumbered(row: Profile, fitted: FittedProfile, k: int) -> bool:
     return most_off >= min(most_on, int(fitted.counts[k]))
 
 
+def count_points_seen_through_face(row: Profile, fitted: FittedProfile) -> int:
+    """How many points lie behind a bead's face on the sides beside it, drawn on; few are none."""
+    own = fitted.spans[-2]
+    noise = OUTLIER_SIGMAS * np.maximum(fitted.sigmas, LEAST_NOISE)
+    behind = fitted.residuals[own] > noise.max()
+    if np.count_nonzero(behind) < FEWEST_HIDING:
+        return 0
+    points = row.points[own][behind]
+    on = [np.abs(fitted.curves[k].signed_distances(points)) < noise[k] for k in (-3, -1)]
+    count = int(np.count_nonzero(on[0] | on[1]))
+    return count if count >= FEWEST_HIDING else 0
+
+
 def gaps_beside_corners(fitted: FittedProfile) -> Array:
     """Distance from each corner to where its sides are seen, shape (k - 1, 2), metres.
 
@@ -342,7 +357,7 @@ def gaps_beside_corners(fitted: FittedProfile) -> Array:
 
 def corners_seen_from_both_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
     """At which corners the points of one side go over into those of the next, shape (k - 1,)."""
-    return gaps_beside_corners(fitted).max(axis=1) < MEETING_REACH
+    return np.asarray(gaps_beside_corners(fitted).max(axis=1) < MEETING_REACH)
 
 
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:

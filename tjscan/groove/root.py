@@ -16,6 +16,7 @@ from tjscan.groove.reflections import (
     MEETING_REACH,
     MOST_REFLECTION_PROBABILITY,
     SHARE_ENDING_AT_SURFACE,
+    count_points_seen_through_face,
     gaps_beside_corners,
     is_outnumbered,
     reflection_probability,
@@ -254,6 +255,7 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     meets = (gaps.max(axis=1) < MEETING_REACH).tolist()
     points = int(fitted.counts[-2])
     outnumbered = is_outnumbered(fit.row, fitted, -2)
+    outnumbered |= count_points_seen_through_face(fit.row, fitted) > 0
     if all(meets) and not outnumbered:
         return found
     bevel, leg = fitted.curves[-3], fitted.curves[-1]

@@ -27,8 +27,8 @@ from tjscan.groove.chains import (
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
 from tjscan.groove.reflections import (
-    FEWEST_HIDING,
     MEETING_REACH,
+    count_points_seen_through_face,
     find_runs,
     gaps_beside_corners,
     stretches_off_surface,
@@ -205,22 +205,11 @@ class _FitSearch:
         seen = gaps_beside_corners(best) < MEETING_REACH
         cost = float(runs.total_cost(costs))
         cost += _cost_of_form(model) + UNREACHED_CORNER_COST * np.count_nonzero(~seen)
-        cost += SEEN_THROUGH_COST * self._count_points_seen_through_face(best, model, costs)
+        if model.has_root_bead:
+            cost += SEEN_THROUGH_COST * count_points_seen_through_face(row, best)
         objection = _reason_to_reject(best, model, self._settings)
         self.found.append(GrooveFit(row, model, best, cost, seen, objection))
         return self.found[-1]
-
-    def _count_points_seen_through_face(
-        self, fitted: FittedProfile, model: GrooveModel, costs: Array
-    ) -> int:
-        """How many points lie behind a bead's face on the sides beside it, drawn on."""
-        own = fitted.spans[-2]
-        behind = (costs[own] >= 1) & (fitted.residuals[own] > 0)
-        if not model.has_root_bead or np.count_nonzero(behind) < FEWEST_HIDING:
-            return 0
-        points = self._row.points[own][behind]
-        off = [np.abs(fitted.curves[k].signed_distances(points)) for k in (-3, -1)]
-        return int(np.count_nonzero(np.minimum(*off) < self.tolerance))
 
     def explain_missing_groove(self) -> GrooveNotFound:
         """What a profile without a groove of this model shows instead."""
