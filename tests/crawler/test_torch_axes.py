@@ -134,7 +134,7 @@ class Reader:
 
 def sensor(*widths: float) -> JointSensor:
     laser = SimpleNamespace(capture=lambda: SimpleNamespace(time=0.0))
-    devices: Any = CrawlDevices(laser, laser, laser, Reader(*widths), laser_to_torch=0.5)  # type: ignore[arg-type]
+    devices: Any = CrawlDevices(laser, laser, laser, Reader(*widths), laser_to_torch=0.5)
     return JointSensor(devices, Notes())
 
 

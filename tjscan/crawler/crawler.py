@@ -297,7 +297,8 @@ class Crawler:
         self._run_up_to_strike(table.at(np.array(arc_from)), arc_from)
         burning = 0.0
         while self._cycle.travel < end:
-            self._guards.watch_weld(self._cycle.deviation, self._method.torch.sigma)
+            cycle, sigma = self._cycle, self._method.torch.sigma
+            self._guards.watch_weld(cycle.deviation, sigma, burning=cycle.arc)
             if not self._cycle.arc:
                 self._cycle.set_arc(burning=True)
             here = table.at(np.array(self._cycle.travel))

@@ -205,7 +205,7 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     torch: TorchAxes = job.torch.make_device(
         TorchDriverInputs(reach=job.torch.reach, speed=job.torch.speed, vehicle=link)
     )
-    registered = RegisteredTorch(torch, job.torch.aside)
+    registered = RegisteredTorch(torch, job.torch.aside) if job.torch.aside else torch
     if world is None:
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), registered)
     body = vehicle.body if isinstance(vehicle, SimulatedVehicle) else None

@@ -607,4 +607,7 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
         is_due = cycle.slip is not None or without_slip >= CYCLES_TOGETHER
         slip = method.slip if is_due else None
         without_slip = 1 if slip is not None else without_slip + 1
-        yield from cycle_messages(entry.time, replace(cycle, torch=method.torch, slip=slip))
+        estimated = replace(cycle, torch=method.torch, slip=slip)
+        ahead, sigma = method.laser_to_centre
+        estimated = replace(estimated, laser_to_centre=ahead, laser_to_centre_sigma=sigma)
+        yield from cycle_messages(entry.time, estimated)
