@@ -9,11 +9,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from _weld_worlds import SurfaceErrors
 
 from tjscan.job.weld import read_weld_job
 from tjscan.runs.weld.journal import LookMessage, read_weld
 from tjscan.runs.weld.run import Weld, WeldContext, run_weld
-from tjscan.welding.target import WeldTarget, remaining_area
 
 JOB = Path(__file__).parents[1] / "examples" / "weld.toml"
 OFFSET = 0.5e-3
@@ -26,20 +26,19 @@ class ChainOutcome:
 
     Parameters
     ----------
-    fill_rms : float
-        Of the fill error of a section, ends apart, metres.
+    surface : SurfaceErrors
     offset_error : float
         Of the offset learnt, metres.
     deviations : tuple of float
         Errors of the torch's deviations that looks stated, in their standard deviations.
     """
 
-    fill_rms: float
+    surface: SurfaceErrors
     offset_error: float
     deviations: tuple[float, ...]
 
 
-def weld_chain(seed: int, length: float, ends: int) -> ChainOutcome:
+def weld_chain(seed: int, length: float) -> ChainOutcome:
     """Weld a length of the example's joint; its wire points to the leg or to the brace by chance.
 
     Parameters
@@ -48,8 +47,6 @@ def weld_chain(seed: int, length: float, ends: int) -> ChainOutcome:
         Of everything.
     length : float
         Metres.
-    ends : int
-        Stations at either end that are left out.
     """
     true = float(np.random.default_rng(seed).choice((-OFFSET, OFFSET)))
     keys = {
@@ -64,17 +61,13 @@ def weld_chain(seed: int, length: float, ends: int) -> ChainOutcome:
         file = run / "job.toml"
         weld = Weld.of_scan(WeldContext(read_weld_job(file), file), run)
         looks = list(_replay(weld, run))
-    state = weld.world.state
-    target = WeldTarget.over(state, weld.order.cap_height)
-    width = np.linalg.norm(np.diff(state.toe_points, axis=1)[:, 0], axis=1)
-    fill = (remaining_area(state, target) / width)[ends:-ends]
     stated = [
         (now.deviation - (true - before.offset)) / now.deviation_sigma
         for before, now in pairwise(looks)
         if now.deviation is not None and now.deviation_sigma is not None
     ]
-    rms = float(np.sqrt(np.mean(fill**2)))
-    return ChainOutcome(rms, abs(looks[-1].offset - true), tuple(stated))
+    surface = SurfaceErrors.of_weld(weld.world.state, weld.order.cap_height)
+    return ChainOutcome(surface, abs(looks[-1].offset - true), tuple(stated))
 
 
 def _replay(weld: Weld, run: Path) -> Iterator[LookMessage]:

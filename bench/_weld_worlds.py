@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import radians
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -17,6 +17,7 @@ from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.welding.bead import BeadModel, LaidBeads, column_widths, interpolate_rows
 from tjscan.welding.replan import NextBead
 from tjscan.welding.state import WeldState
+from tjscan.welding.target import WeldTarget, remaining_area
 from tjscan.welding.world import TorchTrace, WeldFaults, WeldWorld, correlated_noise
 
 LENGTH, STEP, COLUMN = 0.6, 2e-3, 0.35e-3
@@ -191,6 +192,46 @@ class Look:
         return state.u + (shift * leg[:, 0])[:, None], state.w + noise + (shift * leg[:, 1])[
             :, None
         ]
+
+
+ENDS = 5
+"""Stations at either end, 10 mm, that are left out: ignition and crater."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceErrors:
+    """A finished surface against its target, ends apart, in mm and %."""
+
+    fill_rms: float
+    fill_p95: float
+    cap_rms: float
+    excess_b: float
+    excess_c: float
+    sag_share: float
+    sag_p95: float
+
+    @classmethod
+    def of_weld(cls, state: WeldState, cap_height: float) -> Self:
+        """Those of a true surface; the target moved with the groove's faces."""
+        inner = slice(ENDS, -ENDS)
+        target = WeldTarget.over(state, cap_height)
+        upright = 1 / np.hypot(1, target.slope)
+        span = np.diff(state.toe_points[:, :, 0], axis=1)[:, 0]
+        width = (span / upright)[inner]
+        fill = -remaining_area(state, target)[inner] / width
+        between = np.where(target.between, 1.0, np.nan) * upright[:, None]
+        point = ((state.w - target.top) * between)[inner]
+        over = ((state.w - target.chord) * between)[inner]
+        excess, sag = np.nanmax(over, axis=1), -np.nanmin(over, axis=1)
+        return cls(
+            1e3 * float(np.sqrt(np.mean(fill**2))),
+            1e3 * float(np.percentile(np.abs(fill), 95)),
+            1e3 * float(np.sqrt(np.nanmean(point**2))),
+            100 * float(np.mean(excess <= np.minimum(1e-3 + 0.1 * width, 5e-3))),
+            100 * float(np.mean(excess <= np.minimum(1e-3 + 0.15 * width, 7e-3))),
+            100 * float(np.mean(sag < 0.5e-3)),
+            1e3 * float(np.percentile(sag, 95)),
+        )
 
 
 def trace_of(bead: NextBead) -> TorchTrace:

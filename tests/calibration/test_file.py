@@ -12,10 +12,10 @@ from calibration_stage import HAND, MM, NOISE, circle, raised, samples, shots, t
 from tjscan.calibration.file import (
     CalibrationFile,
     read_calibration,
-    to_calibration_file,
     write_calibration,
 )
 from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.to_file import to_calibration_file
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 

@@ -87,6 +87,15 @@ def test_a_weld_may_reach_out_over_the_leg_beyond_the_wall(share: float, out: fl
                 read_groove(seen(sides, NOISE, seed))
 
 
+@pytest.mark.parametrize(("share", "out"), [(0.5, 0.2), (0.6, 0.2), (0.7, 0.2), (0.7, 0.3)])
+def test_a_weld_on_one_side_turns_little_from_the_bevel(share: float, out: float) -> None:
+    """By 21 to 26 degrees: more than a second facet of the bevel would."""
+    sides = filled(GROOVE, share, out=out)
+    section = read_groove(seen(sides, NOISE))
+    assert WELD_IN_GROOVE in section.conditions
+    assert section.area == pytest.approx(area_left(GROOVE, sides), rel=0.01)
+
+
 @pytest.mark.parametrize("left", [1.5, 2.0, 2.5, 3.0, 4.0])
 @pytest.mark.parametrize("out", [0.3, 0.5, 1.6])
 def test_a_short_rest_of_the_bevel_is_no_rounded_edge(left: float, out: float) -> None:
@@ -119,6 +128,14 @@ def test_one_bead_of_three_is_no_tack() -> None:
         section = read_groove(seen(sides, NOISE, seed))
         assert WELD_IN_GROOVE in section.conditions
         assert section.area == pytest.approx(area_left(GROOVE, sides), rel=0.01)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.35, 0.45])
+def test_a_bead_as_high_as_a_tack_is_one_however_wide_it_is(share: float) -> None:
+    """From 18 mm on it is read as a weld that fills the groove."""
+    section = read_groove(seen(filled(GROOVE, share, 0.25), NOISE))
+    assert section.on_tack
+    assert section.absent == ("p3", "p4")
 
 
 @pytest.mark.parametrize("bevel", [10 * MM, 14 * MM])

@@ -19,10 +19,10 @@ from tjscan.calibration.file import (
     UncertaintyAfterLinesEntry,
     read_calibration,
     rows_in_file_units,
-    to_calibration_file,
     views_of_poses,
     write_calibration,
 )
+from tjscan.calibration.to_file import to_calibration_file
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import pose, rot_x, rot_y
 from tjscan.core.manifest import files_altered_since_written

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import partial
+from math import radians
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
@@ -33,6 +34,7 @@ from tjscan.runs.weld.journal import (
     ArcStretchMessage,
     LookMessage,
     PlannedBeadMessage,
+    read_weld,
 )
 from tjscan.runs.weld.look import (
     FlanksAlongGroove,
@@ -52,6 +54,7 @@ from tjscan.runs.weld.results import (
 )
 from tjscan.runs.weld.run import LookSchedule, Weld, WeldContext, resume_weld, run_weld
 from tjscan.welding.replan import NextBead
+from tjscan.welding.target import WeldTarget
 
 ROOT: Final = Path(__file__).parents[2]
 JOB: Final = ROOT / "examples" / "weld.toml"
@@ -258,6 +261,29 @@ def test_report_says_that_it_was_simulated(welded: Path) -> None:
     page = (welded / "report.html").read_text()
     assert SIMULATED_WELD_NOTE in page
     assert "no crack" in page
+    assert "The finished surface lies up to" in page
+
+
+def test_beads_on_a_horizontal_leg_are_held_and_stacked_from_it_up(welded: Path) -> None:
+    """Gravity lies 60° aside in the sections: wide pools would run down onto the leg."""
+    job = welded / "job.toml"
+    weld = Weld.of_scan(WeldContext(read_weld_job(job), job), welded)
+    tilt = weld.world.state.tilt
+    assert (tilt < -radians(50)).all()
+    for message in read_weld(welded):
+        weld.replay(message)
+    order, planner = weld.order, weld.planner
+    beads = tuple(read_recorded_weld(welded).beads.values())
+    assert planner is not None
+    width = planner.model.bead_width(np.array([bead.heat_input.mean() for bead in beads]))
+    assert (width + order.weaves < 1.15 * planner.model.widest_on_slope(tilt).min()).all()
+    last = [bead for bead in beads if bead.layer == len(order.counts) - 1]
+    places = [float(bead.aim[:, 0].mean()) for bead in last]
+    assert places == sorted(places, reverse=True)  # the leg is on the right
+    inner = slice(5, -5)
+    target = WeldTarget.over(planner.belief, order.cap_height)
+    off = np.where(target.between, planner.belief.w - target.top, np.nan)[inner]
+    assert np.sqrt(np.nanmean(off**2)) < 1.0e-3
 
 
 def test_last_look_is_held_against_limits_and_complies_with_nothing(

@@ -92,6 +92,16 @@ def test_contact_angles_stay_in_their_window() -> None:
     assert flat.contact[0] == pytest.approx(np.full(2, model.largest_contact), abs=slack)
 
 
+@pytest.mark.parametrize("tilt", [-1.1, 0.5, 1.57])
+def test_widest_pool_on_a_slope_just_takes_both_contact_angles(tilt: float) -> None:
+    model = BeadModel()
+    width = float(model.widest_on_slope(np.array(tilt)))
+    laid = lay(FREE, 0 * U, 0.0, width, 10e-6, tilt)
+    allowed = model.largest_contact - model.least_contact
+    assert abs(np.diff(np.tan(laid.contact[0]))[0]) == pytest.approx(allowed, rel=0.12)
+    assert np.sign(np.diff(laid.contact[0])[0]) == -np.sign(tilt)  # it runs to the lower side
+
+
 def test_pool_that_would_fall_is_refused() -> None:
     assert lay(FREE, 0 * U, 0.0, 8e-3, 10e-6, np.pi).w.max() > 0
     with pytest.raises(ConfigurationError, match="fall out of the overhead groove"):

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar, cast
+from typing import Annotated, Any, Final, cast
 
 import numpy as np
 import tomli_w
@@ -18,11 +18,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
-
-if TYPE_CHECKING:
-    from tjscan.calibration.checks import FreshLineVerification
-    from tjscan.calibration.result import HandEyeCalibration
+from tjscan.core.units import PoseRows, pose_from_rows_mm
 
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 NumberTable = Annotated[
@@ -214,8 +210,6 @@ def views_of_poses(
     )
 
 
-Entry = TypeVar("Entry", ResidualEntry, VerificationEntry, BallEntry)
-
 MIN_SENSOR_OFFSET_MM: Final = 5.0
 """A sensor's origin is further than this from the middle of the flange it is bolted to."""
 
@@ -316,83 +310,6 @@ class SavedCalibration:
     file: Path
     calibration: CalibrationFile
     caveats: tuple[str, ...]
-
-
-def to_calibration_file(
-    result: HandEyeCalibration,
-    noise: NoiseModel,
-    *,
-    arm: str,
-    laser: str,
-    date: datetime,
-    verification: FreshLineVerification | None = None,
-    linearity: float = 0.0,
-    basis: BasisEntry | None = None,
-) -> CalibrationFile:
-    """Convert a calibration to the content of its file.
-
-    Parameters
-    ----------
-    result : HandEyeCalibration
-        The calibration.
-    noise : NoiseModel
-        The noise it was found under.
-    arm, laser : str
-        Which devices it holds for; `read_calibration` refuses it for others.
-    date : datetime
-        When the lines were taken.
-    verification : Verification, optional
-        Result of a fresh line.
-    linearity : float
-        Assumed largest deviation of the laser, metres.
-    basis : BasisEntry, optional
-        Target, poses and profiles that it rests on.
-    """
-    sure, ball, laser_response = result.uncertainty, result.measured_radius, None
-    if result.by_laser is not None and linearity > 0:
-        # Of T_f_s alone, and of the arm's deviations if the file holds these.
-        rows = 6 if result.kinematics is None else len(result.by_laser)
-        by_draws = rows_in_file_units(result.by_laser[:rows])
-        laser_response = LaserResponseEntry(linearity_mm=1e3 * linearity, by_draws=by_draws)
-    data = {
-        "arm": arm,
-        "laser": laser,
-        "date": date,
-        "method": result.method,
-        "lines": sum(residual.used for residual in result.residuals),
-        "T_b_s_mm" if result.sensor_is_fixed else "T_f_s_mm": pose_to_rows_mm(result.T_f_s),
-        "covariance": rows_in_file_units(result.covariance, axes=2),
-        "sigma_position_mm": 1e3 * sure.position,
-        "sigma_rotation_deg": float(np.degrees(sure.rotation)),
-        "condition": result.condition,
-        "excess": result.sigma_scale,
-        "geometry_mm": 1e3 * result.geometry,
-        "ball": ball
-        and BallEntry(
-            stated_radius_mm=None if ball.stated is None else 1e3 * ball.stated,
-            measured_radius_mm=1e3 * ball.radius,
-            sigma_radius_mm=1e3 * ball.sigma,
-        ),
-        "noise": noise,
-        "verification": verification and _entry_from_si(VerificationEntry, verification),
-        "kinematics": result.kinematics,
-        "laser_response": laser_response,
-        "basis": basis,
-        "residuals": [_entry_from_si(ResidualEntry, residual) for residual in result.residuals],
-    }
-    return validate_table(CalibrationFile, data)
-
-
-def _entry_from_si(model: type[Entry], found: object) -> Entry:
-    """A table of the file from an object with the same fields in metres and radians."""
-    values: dict[str, Any] = {}
-    for key in model.model_fields:
-        name, _, unit = key.rpartition("_")
-        value = getattr(found, name if unit in ("mm", "deg") else key)
-        if value is not None and unit in ("mm", "deg"):
-            value = 1e3 * value if unit == "mm" else float(np.degrees(value))
-        values[key] = value
-    return model(**values)
 
 
 def write_calibration(file: Path, calibration: CalibrationFile, provenance: Provenance) -> None:

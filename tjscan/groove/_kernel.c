@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KERNEL_VERSION 4
+#define KERNEL_VERSION 5
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -49,14 +49,9 @@
 #define SCALE_COVERED_SHARE 0.35
 #define STRAY_BLOCK_COST 9.0
 #define FARTHEST_POINT_RATIO 4.0
-#define CORNER_POINT_DISTANCE 1.5e-3
-#define FEWEST_AT_CORNER 2
 #define MEETING_REACH 1.5e-3
-#define FEWEST_MEETING 2
-#define FEWEST_HIDING 3
 #define LEAST_RAY_SINE 0.2
 #define SUPPORT_NEIGHBOURS 4
-#define CORNER_NEIGHBOURHOOD 1.5e-3
 #define PATCH_REACH 0.6e-3
 #define FEWEST_PATCH_POINTS 12
 #define CORNER_POINTS 3
@@ -1737,7 +1732,7 @@ static Py_ssize_t end_of_support(const uint8_t *on, Py_ssize_t n, int step)
     return 0;
 }
 
-static void gaps_beside_corners(const Fitted *f, double found[][2])
+static void gaps_beside_corners(const Fitted *f, double (*found)[2])
 {
     mark_points_on_sides(f);
     for (Py_ssize_t i = 0; i < f->k - 1; i++)
@@ -1990,7 +1985,7 @@ static int shape_errors(const Fitted *f, const Tried *tried, const double *u, do
                 unseen = sqrt(smaller(gaps[i][j] / larger(length, 1e-9), 1.0));
             }
             shift[i][j] = 0.0;
-            sigma[i][j] = hypot(patches[side], UNSEEN_SIDE_SLOPE * larger(gaps[i][j] - CORNER_NEIGHBOURHOOD, 0.0) * unseen);
+            sigma[i][j] = hypot(patches[side], UNSEEN_SIDE_SLOPE * larger(gaps[i][j] - MEETING_REACH, 0.0) * unseen);
         }
     for (Py_ssize_t k = 1; k < corners; k++) {
         if (!f->sides[k].bead) continue;
@@ -2233,67 +2228,27 @@ static PyObject *costs_of_points(PyObject *self, PyObject *const *args, Py_ssize
     return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of costs do not match");
 }
 
-/* _points_beside_corners */
-static PyObject *points_beside_corners(PyObject *self, PyObject *const *args, Py_ssize_t given)
+static PyObject *find_gaps(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    static const char letters[] = "dbidB";
-    Py_buffer v[5];
-    (void)self;
-    if (given != 5) return PyErr_Format(PyExc_TypeError, "points_beside_corners takes 5 arguments");
-    if (open_arrays(letters, args, v) < 0) return NULL;
-    const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[2]) - 1;
-    const int sound = are_edges(&v[2], n) && count_of(&v[1]) == n && count_of(&v[3]) == 2 * (k - 1)
-                      && count_of(&v[4]) == 2 * (k - 1);
-    if (sound) {
-        const double *along = v[0].buf, *places = v[3].buf;
-        const uint8_t *keep = v[1].buf;
-        const int64_t *edges = v[2].buf;
-        uint8_t *seen = v[4].buf;
-        for (Py_ssize_t c = 0; c < 2 * (k - 1); c++) {
-            const Py_ssize_t side = (c + 1) / 2;
-            int count = 0;
-            for (int64_t i = edges[side]; i < edges[side + 1]; i++)
-                count += keep[i] && fabs(along[i] - places[c]) < CORNER_POINT_DISTANCE;
-            seen[c] = count >= FEWEST_AT_CORNER;
-        }
-    }
-    close_arrays(letters, v);
-    return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
-}
-
-static PyObject *sides_that_meet(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    static const char letters[] = "ddbiddB";
+    static const char letters[] = "ddbiddD";
     Py_buffer v[7];
     (void)self;
-    if (given != 7) return PyErr_Format(PyExc_TypeError, "sides_that_meet takes 7 arguments");
+    if (given != 7) return PyErr_Format(PyExc_TypeError, "gaps_beside_corners takes 7 arguments");
     if (open_arrays(letters, args, v) < 0) return NULL;
     const Py_ssize_t n = count_of(&v[0]), k = count_of(&v[3]) - 1;
     const int sound = are_edges(&v[3], n) && count_of(&v[1]) == n && count_of(&v[2]) == n
-                      && count_of(&v[4]) == 2 * (k - 1) && count_of(&v[5]) == k && count_of(&v[6]) == k - 1;
-    if (sound) {
-        const double *along = v[0].buf, *residuals = v[1].buf, *places = v[4].buf;
-        const uint8_t *keep = v[2].buf;
-        const int64_t *edges = v[3].buf;
-        const double close = OUTLIER_SIGMAS * larger(median_of_few(v[5].buf, k), LEAST_NOISE);
-        for (Py_ssize_t c = 0; c < k - 1; c++) {
-            int64_t nearest[2] = {0, 0};
-            double farthest = 0.0;
-            int seen[2] = {0, 0};
-            for (int way = 0; way < 2; way++) {
-                const int64_t stop = way ? edges[c + 2] : edges[c] - 1, step = way ? 1 : -1;
-                for (int64_t i = way ? edges[c + 1] : edges[c + 1] - 1; i != stop && seen[way] < FEWEST_MEETING; i += step) {
-                    if (!keep[i] && !(fabs(residuals[i]) < close)) continue;
-                    nearest[way] = seen[way]++ ? nearest[way] : i;
-                    farthest = larger(farthest, fabs(along[i] - places[2 * c + way]));
-                }
-            }
-            ((uint8_t *)v[6].buf)[c] = seen[0] == FEWEST_MEETING && seen[1] == FEWEST_MEETING
-                                       && nearest[1] - nearest[0] - 1 < FEWEST_HIDING && farthest < MEETING_REACH;
-        }
+                      && count_of(&v[4]) == 2 * (k - 1) && count_of(&v[5]) == k && count_of(&v[6]) == 2 * (k - 1);
+    uint8_t *on = sound ? malloc((size_t)n) : NULL;
+    if (on) {
+        const Fitted f = {.n = n, .k = k, .along = v[0].buf, .residuals = v[1].buf, .keep = v[2].buf,
+                          .edges = v[3].buf, .places = v[4].buf, .sigmas = v[5].buf, .on = on};
+        gaps_beside_corners(&f, v[6].buf);
     }
     close_arrays(letters, v);
-    return sound ? Py_NewRef(Py_None) : PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
+    if (!sound) return PyErr_Format(PyExc_ValueError, "arrays of a fit do not match");
+    if (!on) return PyErr_NoMemory();
+    free(on);
+    return Py_NewRef(Py_None);
 }
 
 typedef struct {
@@ -2386,8 +2341,7 @@ static PyMethodDef METHODS[] = {
     {"scale_costs", (PyCFunction)(void (*)(void))scale_costs, METH_FASTCALL, NULL},
     {"order_points", (PyCFunction)(void (*)(void))order_points, METH_FASTCALL, NULL},
     {"costs_of_points", (PyCFunction)(void (*)(void))costs_of_points, METH_FASTCALL, NULL},
-    {"points_beside_corners", (PyCFunction)(void (*)(void))points_beside_corners, METH_FASTCALL, NULL},
-    {"sides_that_meet", (PyCFunction)(void (*)(void))sides_that_meet, METH_FASTCALL, NULL},
+    {"gaps_beside_corners", (PyCFunction)(void (*)(void))find_gaps, METH_FASTCALL, NULL},
     {"corner_estimates", (PyCFunction)(void (*)(void))corner_estimates, METH_FASTCALL, NULL},
     {"find_runs", (PyCFunction)(void (*)(void))find_runs, METH_FASTCALL, NULL},
     {"project_points", (PyCFunction)(void (*)(void))project_points, METH_FASTCALL, NULL},

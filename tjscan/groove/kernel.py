@@ -25,7 +25,7 @@ from tjscan.groove.sides import (
 )
 from tjscan.laser.profile import Profile
 
-KERNEL_VERSION: Final = 4
+KERNEL_VERSION: Final = 5
 """Rises with every change of what the compiled loops take and give: sources that were updated may
 lie beside loops that were not built again."""
 

@@ -22,9 +22,12 @@ from tjscan.core.frames import Array, stretches_of_true_values
 from tjscan.groove import kernel
 from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
+    LEAST_NOISE,
+    OUTLIER_SIGMAS,
     FittedProfile,
     GrooveFit,
     Index,
+    end_of_support,
 )
 from tjscan.laser.profile import Profile
 
@@ -58,9 +61,11 @@ LEAST_REFLECTION_DISTANCE: Final = 0.6e-3
 MOST_REFLECTION_PROBABILITY: Final = 0.25
 """Greatest probability that a side which hangs together with no other is a reflection."""
 
-MEETING_REACH, FEWEST_MEETING, FEWEST_HIDING = 1.5e-3, 2, 3
-"""Points of a side, so near a corner in metres, that show it there; and points between two sides
-that hide how one goes over into the other, or show steel: fewer are strays."""
+MEETING_REACH: Final = 1.5e-3
+"""Points of a side, so near a corner in metres, that show it there."""
+
+FEWEST_HIDING: Final = 3
+"""Points between two sides that show steel: fewer are strays."""
 
 THICKEST_SCALE: Final = 0.5e-3
 """What hangs together with a side, and is farther off it, in metres, is no mill scale."""
@@ -315,28 +320,44 @@ def is_outnumbered(row: Profile, fitted: FittedProfile, k: int) -> bool:
     return most_off >= min(most_on, int(fitted.counts[k]))
 
 
-def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
-    """At which corners the points of one side go over into those of the next, shape (k - 1,).
+def count_points_seen_through_face(row: Profile, fitted: FittedProfile) -> int:
+    """How many points lie behind a bead's face on the sides beside it, drawn on; few are none."""
+    own = fitted.spans[-2]
+    noise = OUTLIER_SIGMAS * np.maximum(fitted.sigmas, LEAST_NOISE)
+    behind = fitted.residuals[own] > noise.max()
+    if np.count_nonzero(behind) < FEWEST_HIDING:
+        return 0
+    points = row.points[own][behind]
+    on = [np.abs(fitted.curves[k].signed_distances(points)) < noise[k] for k in (-3, -1)]
+    count = int(np.count_nonzero(on[0] | on[1]))
+    return count if count >= FEWEST_HIDING else 0
 
-    Both are seen there, and few others are between them. A side that is drawn on from far away
-    meets another one as well, and so does a reflection.
+
+def gaps_beside_corners(fitted: FittedProfile) -> Array:
+    """Distance from each corner to where its sides are seen, shape (k - 1, 2), metres.
+
+    Single points that lie on a side by chance do not show it.
     """
-    found = np.zeros(len(fitted.corners), dtype=np.bool_)
+    found = np.zeros((len(fitted.corners), 2))
     if kernel.compiled is not None:
         points = fitted.along, fitted.residuals, fitted.keep, np.array(fitted.edges)
-        kernel.compiled.sides_that_meet(*points, np.array(fitted.places), fitted.sigmas, found)
+        kernel.compiled.gaps_beside_corners(*points, np.array(fitted.places), fitted.sigmas, found)
         return found
     on = fitted.points_on_sides
-    for i, (s_before, s_after) in enumerate(fitted.places):
-        start, middle, end = fitted.edges[i : i + 3]
-        before = start + np.flatnonzero(on[start:middle])[-FEWEST_MEETING:]
-        after = middle + np.flatnonzero(on[middle:end])[:FEWEST_MEETING]
-        if min(len(before), len(after)) < FEWEST_MEETING:
-            continue
-        away = np.concatenate((fitted.along[before] - s_before, fitted.along[after] - s_after))
-        between = after[0] - before[-1] - 1
-        found[i] = between < FEWEST_HIDING and np.abs(away).max() < MEETING_REACH
+    for i, places in enumerate(fitted.places):
+        for j, s in enumerate(places):
+            own = fitted.spans[i + j]
+            seen, away = on[own], np.abs(fitted.along[own] - s)
+            if j:
+                seen, away = seen[::-1], away[::-1]
+            dense = end_of_support(seen)
+            found[i, j] = away[seen].min() if dense == 0 else away[:dense][seen[:dense]].min()
     return found
+
+
+def corners_seen_from_both_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """At which corners the points of one side go over into those of the next, shape (k - 1,)."""
+    return np.asarray(gaps_beside_corners(fitted).max(axis=1) < MEETING_REACH)
 
 
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
@@ -370,16 +391,24 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
 
 
 def _reflection_covariance(fit: GrooveFit) -> Array:
-    """What it adds, shape (2 k, 2 k), that a side between others may be no surface."""
+    """What it adds, shape (2 k, 2 k), that a side between others may be no surface.
+
+    It surely is one if it goes over, by way of others or not, into the wall or into the leg. What
+    goes over only into what itself goes over into neither may be a reflection with it.
+    """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
-    meets = sides_that_meet(fitted)
+    meets = corners_seen_from_both_sides(fitted)
+    from_wall, from_leg = (np.logical_and.accumulate(m) for m in (meets, meets[::-1]))
     for k, side in enumerate(sides[1:-1], 1):
         if side.bead:
             continue
         if meets[k - 1 : k + 1].any():
+            jumping = 0.0 if from_wall[k - 1] or from_leg[len(meets) - 1 - k] else 1.0
             points = int(fitted.counts[k])
-            probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=0.0)
+            probability = share_in_long_stretches(
+                fit.row, fitted.residuals, points, jumping=jumping
+            )
         else:
             probability = reflection_probability(fitted)
         if not probability:

@@ -16,15 +16,15 @@ from tjscan.groove.reflections import (
     MEETING_REACH,
     MOST_REFLECTION_PROBABILITY,
     SHARE_ENDING_AT_SURFACE,
+    count_points_seen_through_face,
+    gaps_beside_corners,
     is_outnumbered,
     reflection_probability,
     share_in_long_stretches,
-    sides_that_meet,
     without_seam_cap,
 )
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.groove.settings import TEE_PARTLY_FILLED
-from tjscan.groove.shape import gaps_beside_corners
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -170,14 +170,12 @@ def _section_with_face(fit: GrooveFit, covariance: Array, seam: tuple[str, ...])
     last = len(fitted.corners) - 1
     chosen = [0, last - 1, last]
     index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
-    root = fitted.curves[-2]
-    start, end = fitted.places[last - 1][1], fitted.places[last][0]
-    bow, chord, hollow = _height_and_area_of_face(root, start, end)
-    spread = covariance[np.ix_(index, index)]
+    bow, chord, hollow = _shape_of_face(fitted)
+    spread = covariance[index][:, index]
     spread[2:6, 2:6] += _covariance_if_face_is_reflection(fit)
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
-    if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
+    if _is_tack(bow, chord):
         conditions, absent = (TACK_WELD,), ("p3", "p4")
         for k, curve, s in (
             (2, fitted.curves[-3], fitted.places[-2][0]),
@@ -216,6 +214,11 @@ def _section_over_weld(fit: GrooveFit, covariance: Array, seam: tuple[str, ...])
         places.append(s)
         ends.append(end)
     surface = weld_surface(fit, *ends)
+    chord = corners[2] - corners[1]
+    width = float(np.linalg.norm(chord))
+    above = (surface - corners[1]) @ (-chord[1], chord[0]) / width
+    if _is_tack(float(above.max(initial=0.0)), width):
+        return _section_with_face(fit, covariance, seam)
     seen = np.vstack((corners[1], surface, corners[2])) @ (corners[2] - corners[1])
     own = np.array([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
     for name, along in (("bevel", own), ("weld", seen)):
@@ -248,14 +251,15 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     where these, drawn on, meet.
     """
     fitted, found = fit.fitted, np.zeros((4, 4))
-    meets = sides_that_meet(fitted)[-2:].tolist()
+    gaps = gaps_beside_corners(fitted)[-2:]
+    meets = (gaps.max(axis=1) < MEETING_REACH).tolist()
     points = int(fitted.counts[-2])
     outnumbered = is_outnumbered(fit.row, fitted, -2)
+    outnumbered |= count_points_seen_through_face(fit.row, fitted) > 0
     if all(meets) and not outnumbered:
         return found
     bevel, leg = fitted.curves[-3], fitted.curves[-1]
     met = intersect_curves(bevel, leg, fitted.places[-2][0])
-    gaps = gaps_beside_corners(fitted)[-2:]
     if gaps.max(axis=1).min() > MEETING_REACH:
         points //= 2
     for k, curve in ((0, bevel), (2, leg)):
@@ -278,10 +282,14 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     return found
 
 
-def _height_and_area_of_face(
-    root: CubicCurve, start: float, end: float
-) -> tuple[float, float, float]:
+def _is_tack(bow: float, chord: float) -> bool:
+    """Whether a face of a height over its chord, in metres, is a tack's."""
+    return bow > max(TACK_RATIO * chord, TACK_HEIGHT)
+
+
+def _shape_of_face(fitted: FittedProfile) -> tuple[float, float, float]:
     """Height of a face over its chord, towards the sensor, the chord, and the area behind it."""
+    root, start, end = fitted.curves[-2], fitted.places[-2][1], fitted.places[-1][0]
     (q, _), (end_q, _) = root.height_and_slope(start), root.height_and_slope(end)
     along, rise = end - start, end_q - q
     chord = hypot(along, rise)

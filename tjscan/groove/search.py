@@ -13,7 +13,6 @@ from math import atan2, degrees, hypot, pi, radians, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -27,7 +26,13 @@ from tjscan.groove.chains import (
 )
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
-from tjscan.groove.reflections import find_runs, stretches_off_surface
+from tjscan.groove.reflections import (
+    MEETING_REACH,
+    count_points_seen_through_face,
+    find_runs,
+    gaps_beside_corners,
+    stretches_off_surface,
+)
 from tjscan.groove.settings import (
     LEAST_FACE_TURN,
     LEAST_SIDES,
@@ -63,18 +68,16 @@ WELD_COST: Final = 1.0
 MOST_CHAINS_PER_FORM: Final = 3
 """Most chains of one form that are refined."""
 
-CORNER_POINT_DISTANCE: Final = 1.5e-3
-"""Points of both sides are this near a corner that is seen, in metres."""
-
-FEWEST_AT_CORNER: Final = 2
-"""Points of a side that show its corner."""
-
 UNREACHED_CORNER_COST: Final = 4.0
 """What a side whose points end before its corner costs, in outliers: reflections often do."""
 
 FEWEST_STEEL_POINTS, UNEXPLAINED_STEEL_COST = 15, 1.0
 """What each point costs more, in outliers, in a stretch of so many at least that lies off the sides
 and goes over into them without a jump: it is steel, and no spatter either, which is smaller."""
+
+SEEN_THROUGH_COST: Final = 1.0
+"""What each point costs more, in outliers, that shows a side beside a bead to go on behind its
+face: nothing is seen through steel, and reflections hardly lie there."""
 
 MOST_OF_OUTLIERS: Final = 0.5
 """Share of the points off the sides from which steel is what they are."""
@@ -199,9 +202,11 @@ class _FitSearch:
             np.abs(best.corners - other).max() < SAME_FIT_DISTANCE for other in known
         ):
             return None
-        seen = _points_beside_corners(best)
+        seen = gaps_beside_corners(best) < MEETING_REACH
         cost = float(runs.total_cost(costs))
         cost += _cost_of_form(model) + UNREACHED_CORNER_COST * np.count_nonzero(~seen)
+        if model.has_root_bead:
+            cost += SEEN_THROUGH_COST * count_points_seen_through_face(row, best)
         objection = _reason_to_reject(best, model, self._settings)
         self.found.append(GrooveFit(row, model, best, cost, seen, objection))
         return self.found[-1]
@@ -272,23 +277,6 @@ def _is_convincing(found: GrooveFit) -> bool:
     """
     fitted = found.fitted
     return bool(found.seen.all()) and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
-
-
-def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
-    """Whether points lie beside each corner on the side before and after it, shape (k - 1, 2)."""
-    if kernel.compiled is not None:
-        seen = np.empty((len(fitted.places), 2), dtype=np.bool_)
-        corners = np.array(fitted.edges), np.array(fitted.places), seen
-        kernel.compiled.points_beside_corners(fitted.along, fitted.keep, *corners)
-        return seen
-    ends, starts = np.array(fitted.places).T
-    sizes = np.diff(fitted.edges)
-    near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
-    for own, places in zip(near, ((*ends, np.inf), (np.inf, *starts)), strict=True):
-        np.less(np.abs(fitted.along - np.repeat(places, sizes)), CORNER_POINT_DISTANCE, out=own)
-    near &= fitted.keep
-    count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
-    return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_AT_CORNER
 
 
 def _reason_to_reject(

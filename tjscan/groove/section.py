@@ -115,21 +115,6 @@ class GrooveSection:
         return np.array([self.covariance_s[k : k + 2, k : k + 2] for k in (0, 2, 4)])
 
     @property
-    def groove_angle_sigma(self) -> float:
-        """Standard deviation of the groove angle, in radians."""
-        return float(np.sqrt(self.measure_covariance[0, 0]))
-
-    @property
-    def root_width_sigma(self) -> float:
-        """Standard deviation of the root's width, in metres."""
-        return float(np.sqrt(self.measure_covariance[1, 1]))
-
-    @property
-    def depth_sigma(self) -> float:
-        """Standard deviation of the depth, in metres."""
-        return float(np.sqrt(self.measure_covariance[2, 2]))
-
-    @property
     def area_sigma(self) -> float:
         """Standard deviation of the area, in square metres."""
         return float(np.sqrt(self.measure_covariance[3, 3]))

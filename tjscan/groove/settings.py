@@ -114,7 +114,7 @@ _VALLEY_TURN: Final = TurnBounds(
 )
 _ROOT_FACE: Final = SideModel("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
 
-_WELD_TURN: Final = TurnBounds(radians(25), radians(150))
+_WELD_TURN: Final = TurnBounds(radians(17), radians(150))
 _KNEE_TURN: Final = TurnBounds(-radians(16), radians(16))
 _WALL_SIDE: Final = SideModel("wall", 4e-3, bend=0.7)
 _BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)

@@ -33,17 +33,14 @@ from tjscan.groove.refinement import (
     prior_weights,
     solve_with_prior,
 )
+from tjscan.groove.reflections import MEETING_REACH, gaps_beside_corners
 from tjscan.groove.settings import SideModel
 from tjscan.groove.sides import (
     SCALING_LENGTH_POWERS,
     FittedProfile,
     GrooveFit,
-    end_of_support,
 )
 from tjscan.laser.profile import Profile
-
-CORNER_NEIGHBOURHOOD: Final = 1.5e-3
-"""Points this near a corner, in metres along their side, belong to its neighbourhood."""
 
 PATCH_REACH: Final = 0.6e-3
 """Points this near a side, in metres, are of its surface or of what sticks to it."""
@@ -97,9 +94,7 @@ def estimate_shape_errors(
     sigma = np.column_stack((patches[:-1], patches[1:]))
     gaps = gaps_beside_corners(fitted)
     unseen = _unseen_side_shares(fitted, gaps)
-    sigma = np.hypot(
-        sigma, UNSEEN_SIDE_SLOPE * np.maximum(gaps - CORNER_NEIGHBOURHOOD, 0.0) * unseen
-    )
+    sigma = np.hypot(sigma, UNSEEN_SIDE_SLOPE * np.maximum(gaps - MEETING_REACH, 0.0) * unseen)
     for k, side in enumerate(model):
         if side.bead:
             own = slice(k - 1, k + 1)
@@ -149,24 +144,6 @@ def _patch_sigmas(fitted: FittedProfile) -> Array:
         patched = float((np.abs(close) > PATCH_SIGMAS * sigma).mean()) > PATCHED_SHARE
         if patched or along[i] > ROUGH_SIDE_FACTOR * usual:
             found[i] = sqrt(float(np.mean(close**2)))
-    return found
-
-
-def gaps_beside_corners(fitted: FittedProfile) -> Array:
-    """Distance from each corner to where its sides are seen, shape (k - 1, 2), metres.
-
-    Single points that lie on a side by chance do not show it.
-    """
-    found = np.zeros((len(fitted.corners), 2))
-    on = fitted.points_on_sides
-    for i, places in enumerate(fitted.places):
-        for j, s in enumerate(places):
-            own = fitted.spans[i + j]
-            seen, away = on[own], np.abs(fitted.along[own] - s)
-            if j:
-                seen, away = seen[::-1], away[::-1]
-            dense = end_of_support(seen)
-            found[i, j] = away[seen].min() if dense == 0 else away[:dense][seen[:dense]].min()
     return found
 
 

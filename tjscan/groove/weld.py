@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.reflections import find_runs
+from tjscan.groove.reflections import MEETING_REACH, find_runs, gaps_beside_corners
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -79,7 +79,9 @@ def find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
             share = 4 * min(fitted.variance_inflation / len(beside), 1.0)
             sigma = sqrt(share * max(spread[0], 0.0)) / sine + LEAST_TOE_SIGMA
             # If the flank ends well before, an undercut or a hole hides the toe.
-            return met[0], sigma + max(abs(met[0] - start) - SEEN_TOE_DISTANCE, 0.0), first
+            gap = float(gaps_beside_corners(fitted)[-1 - (order > 0), int(order < 0)])
+            sigma += max(abs(met[0] - start) - SEEN_TOE_DISTANCE, 0.0)
+            return met[0], sigma + (gap if gap > MEETING_REACH else 0.0), first
     return start, UNSEEN_TOE_SIGMA, first
 
 

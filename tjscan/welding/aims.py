@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import radians
 from typing import Final
 
 import numpy as np
@@ -39,6 +40,9 @@ CAP_SPREAD: Final = 1.12
 """The last layer's aims begin so much farther apart than evenly: its beads have to cover the
 toes."""
 
+STEEP_TILT: Final = radians(30.0)
+"""Of gravity in the sections; beyond, beads are stacked from the lower side up (assumption)."""
+
 TOE_MARGIN: Final = 20
 """Columns beside the toes that are looked at."""
 
@@ -52,7 +56,10 @@ def planning_columns(state: WeldState) -> WeldState:
 
 
 def even_aims(state: WeldState, top: Array, target: WeldTarget, count: int, spread: float) -> Array:
-    """Evenly spaced aims across a layer, in turn from both sides inwards, shape (count, n), metres.
+    """Evenly spaced aims across a layer in the order of its beads, shape (count, n), metres.
+
+    In turn from both sides inwards, or, where gravity pulls aside, from the lower side up: each
+    bead then rests on the one before.
 
     Parameters
     ----------
@@ -71,6 +78,9 @@ def even_aims(state: WeldState, top: Array, target: WeldTarget, count: int, spre
     last = open_.shape[1] - 1 - open_[:, ::-1].argmax(axis=1)
     left, right = state.u[rows, first], state.u[rows, last]
     order = sorted(range(count), key=lambda j: (min(j, count - 1 - j), j))
+    tilt = float(np.median(state.tilt))
+    if abs(tilt) > STEEP_TILT:
+        order = sorted(range(count), reverse=tilt < 0)
     places = [0.5 + spread * ((j + 0.5) / count - 0.5) for j in order]
     return np.array([left + place * (right - left) for place in places])
 

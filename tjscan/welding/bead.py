@@ -76,6 +76,17 @@ class BeadModel(SettingsTable):
         """Width along the surface, metres, of heat inputs in J/m and weaves in metres."""
         return np.asarray(self.width_factor * np.sqrt(heat_input / 1e6) + weave)
 
+    def widest_on_slope(self, tilt: Array) -> Array:
+        """Width of the pools that gravity does not let run down, metres; as `lay_beads` tilts.
+
+        Gravity across a pool of width B turns its surface by sin(tilt) B² / 12 over the squared
+        capillary length at either toe, which is the odd part of the meniscus. Both contact angles
+        are then allowed if twice that is less than the range of them.
+        """
+        allowed = 6 * (self.largest_contact - self.least_contact)
+        aside = np.maximum(np.abs(np.sin(tilt)), 1e-6)
+        return np.asarray(self.capillary_length * np.sqrt(allowed / aside))
+
     def area_along_bead(self, from_start: Array, to_end: Array) -> Array:
         """Area over that of the middle of a bead, by the distances from both ends, metres."""
         start = 1 + self.start_excess * np.exp(-from_start / self.start_length)

@@ -276,16 +276,17 @@ class WeldPlanner:
         top = layer_top(state, target, share, area)
         chord, widths = target.chord if last else None, self._widths(area, left)
         search = AimSearch(self.model, state, top, chord, area, widths)
-        layer, before = self.order.layer_of(self.done)
+        layer, _ = self.order.layer_of(self.done)
         known = self._aims.get(layer)
         if known is None:
             begin = even_aims(state, top, target, left, CAP_SPREAD if last else 1.0)
             aims, shares = search.descend(begin, FIRST_STEPS)
             self._aims[layer] = aims
             return aims, shares
-        aims, shares = search.descend(known[before:], LATER_STEPS)
+        known = known[-left:]  # a weld that was resumed has no aims of the beads before
+        aims, shares = search.descend(known, LATER_STEPS)
         most = LARGEST_AIM_CHANGE
-        return np.clip(aims, known[before:] - most, known[before:] + most), shares
+        return np.clip(aims, known - most, known + most), shares
 
     def _widths(self, area: Array, left: int) -> Array:
         """Width of each remaining bead of the layer, shape (left, k), metres."""

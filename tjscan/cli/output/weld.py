@@ -15,7 +15,13 @@ from tjscan.job.weld import WeldJob
 from tjscan.power.sequence import ArcFault
 from tjscan.recording.journal import RunEvent
 from tjscan.report.write import write_run_report
-from tjscan.runs.weld.journal import HEIGHT_EVENT, ArcMessage, LookMessage, PlannedBeadMessage
+from tjscan.runs.weld.journal import (
+    HEIGHT_EVENT,
+    SURFACE_EVENT,
+    ArcMessage,
+    LookMessage,
+    PlannedBeadMessage,
+)
 from tjscan.runs.weld.results import SIMULATED_WELD_NOTE, WELD_LOG_FILE, read_recorded_weld
 from tjscan.runs.weld.run import WeldContext, nobody_objects
 
@@ -47,6 +53,7 @@ class WeldPrinter:
                 "retract",
                 "dry run",
                 HEIGHT_EVENT,
+                SURFACE_EVENT,
             ):
                 print_message(f"{message.name}: {message.detail}")
 

@@ -19,7 +19,6 @@ from tjscan.calibration.file import (
     BasisEntry,
     SavedCalibration,
     UncertaintyAfterLinesEntry,
-    to_calibration_file,
     views_of_poses,
     write_calibration,
 )
@@ -27,6 +26,7 @@ from tjscan.calibration.recorded import calibrate_recorded_sets
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.plane import fit_plane
 from tjscan.calibration.targets.target import PosedProfile
+from tjscan.calibration.to_file import to_calibration_file
 from tjscan.calibration.wizard.logbook import (
     CALIBRATION_RECORDING_KIND,
     LaserLineTaken,

@@ -23,7 +23,6 @@ from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
 from tjscan.planning.edges import fit_groove_edges
 from tjscan.planning.path import GrooveStations, cut_groove_stations
-from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.power.drivers import PowerDriverInputs
 from tjscan.power.sequence import ArcFault
@@ -36,8 +35,10 @@ from tjscan.runs.run import JobContext, make_run_directory, record_vehicle_run
 from tjscan.runs.scan.run import ScanContext, result_frame_of_job, resume_scan, run_scan
 from tjscan.runs.weld import look as looking
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, WallClock, left_to_weld
+from tjscan.runs.weld.beads import order_beads
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
+    SURFACE_EVENT,
     WELD_RECORDING,
     WELD_STOP_EVENT,
     ArcMessage,
@@ -53,6 +54,7 @@ from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
 from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
+from tjscan.welding.target import WeldTarget
 from tjscan.welding.world import TorchTrace, WeldWorld
 
 SCAN_DIRECTORY: Final = "scan"
@@ -63,11 +65,11 @@ WPS_FILE: Final = "wps.toml"
 RAY_HEIGHT: Final = 60e-3
 """Above the sections' origins from which the true surface is sought, metres."""
 
-WEAVE_WIDTHS: Final = (3e-3, 4e-3)
-"""Of the weave of beads below the last layer, and of the last layer, metres (assumption)."""
-
 SHORTEST_ARC: Final = 20e-3
 """A shorter stretch between two that were not read is not welded, metres."""
+
+SAG_WORTH_SAYING: Final = 0.5e-3
+"""Below the line between the toes of a finished weld, metres."""
 
 IGNITION_SHIFT: Final = 2e-3
 """Farther on along the bead a second ignition is tried, metres."""
@@ -268,10 +270,10 @@ class Weld:
         gravity = np.array(settings.gravity) / np.linalg.norm(settings.gravity)
         count = max(2, round(edges.length / settings.station_step))
         stations = cut_groove_stations(edges, np.linspace(0.0, edges.length, count + 1))
-        order = _bead_order(plan_weld(edges, wps, gravity), wps)
+        tilt = _tilt_of_gravity(stations, gravity)
+        order = order_beads(edges, stations.corners, wps, settings.bead, gravity, tilt)
         toes_u = stations.corners[:, [3, 2], 0]
         u = _columns(toes_u, settings.margin)
-        tilt = _tilt_of_gravity(stations, gravity)
         true = WeldState.of_groove(
             stations.s, u, _true_heights(context.scan, stations, u), toes_u, tilt
         )
@@ -362,6 +364,21 @@ class Weld:
                     self.clock.wait(WAIT_SLICE)
         if looks is not LookSchedule.NONE and self._laid:
             self._look(journal)
+            journal.record(RunEvent(SURFACE_EVENT, self._surface_in_words(planner)))
+
+    def _surface_in_words(self, planner: WeldPlanner) -> str:
+        """How far the finished surface lies off its target, where the last look read it."""
+        state = planner.belief.part(self.weldable)
+        target = WeldTarget.over(state, self.order.cap_height)
+        upright = np.hypot(1, target.slope)
+        below = np.where(target.between, target.chord - state.w, 0.0).max(axis=1) / upright
+        over = np.where(target.between, state.w - target.top, 0.0).max(axis=1) / upright
+        length = self.stations.s[-1] * np.mean(below > SAG_WORTH_SAYING)
+        return (
+            f"up to {1e3 * over.max():.1f} mm over its target, up to {1e3 * below.max():.1f} mm "
+            f"below the line between its toes, and by more than {1e3 * SAG_WORTH_SAYING:g} mm on "
+            f"{1e3 * length:.0f} mm of {1e3 * self.stations.s[-1]:.0f}"
+        )
 
     def replay(self, message: object) -> None:
         """Take in what was recorded before a stop."""
@@ -567,22 +584,6 @@ def _true_heights(scan: ScanContext, stations: GrooveStations, u: Array) -> Arra
             "the joint has no faces as far beside the groove as weld.margin_mm", key="weld"
         )
     return heights
-
-
-def _bead_order(plan: WeldPlan, wps: WeldingProcedure) -> BeadOrder:
-    """Beads of the plan's longest zone."""
-    zone = max(plan.zones, key=lambda one: one.end - one.begin)
-    arrangement = zone.arrangement
-    last = len(arrangement.counts) - 1
-    layers = np.repeat(np.arange(len(arrangement.counts)), arrangement.counts)
-    weaves = tuple(WEAVE_WIDTHS[int(layer == last)] for layer in layers)
-    feeds = tuple(kind.feed for kind in arrangement.kinds)
-    return BeadOrder(
-        counts=tuple(arrangement.counts),
-        feeds=feeds,
-        weaves=weaves,
-        cap_height=wps.bead.cap_height,
-    )
 
 
 def _spans(s: Array, on: Mask) -> Iterator[tuple[float, float]]:
