@@ -230,13 +230,8 @@ class TowingPlanner:
             last is not None and np.abs(now.angles).max() > NEAR_BEND_LIMIT * self.cable.joint_limit
         )
         deviations = angle_deviations(*known, inputs.sigmas) if near else None
-        found: dict[str, Any] = {
-            "halt": halt,
-            "retreat": retreat,
-            "limits": pressed,
-            "deviations": deviations,
-        }
-        found |= {"rest": now.rest, "forces": forces, "tension": tension}
+        found: dict[str, Any] = {"halt": halt, "retreat": retreat, "limits": pressed}
+        found |= {"rest": now.rest, "deviations": deviations, "forces": forces, "tension": tension}
         return limits, now, shape.plan(iterations=iterations, **found)
 
     def _search_shape(
