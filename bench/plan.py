@@ -91,11 +91,10 @@ def area_errors(edges: GrooveEdges, s: Array) -> Array:
     return map_template_onto(cut_groove_stations(edges, s), 0.0).area / designed - 1
 
 
-def other_joints_area_errors(count: int) -> list[float]:
-    """The largest of each of some joints of the study, against their own surfaces; no errors."""
-    joints = list(many_joints(JOINT))
+def other_joints_area_errors(stride: int) -> list[float]:
+    """The largest of every so many of the study's joints, against their own surfaces; no errors."""
     found = []
-    for joint in joints[3 :: len(joints) // count]:  # of every leg and angle
+    for joint in islice(many_joints(JOINT), 3, None, stride):
         edges = drawn_edges(joint, np.linspace(0, 2 * np.pi, SECTIONS, endpoint=False), 1e-9, 0)
         stations = cut_groove_stations(edges, np.linspace(0, edges.length, 73)[:-1])
         designed = designed_areas(joint, stations)
@@ -293,7 +292,7 @@ def rows(*, quick: bool) -> list[Row]:
     drawn = [drawn_edges(JOINT, whole_way(), SIGMA, seed) for seed in range(SEEDS)]
     exact = many_area_errors(drawn_edges(JOINT, whole_way(), 1e-9, 0))
     errors = np.array([many_area_errors(edges) for edges in drawn])
-    others = other_joints_area_errors(7 if quick else 43)
+    others = other_joints_area_errors(43 if quick else 7)
     watch = Stopwatch()
     for seed in range(SEEDS):
         with watch:
