@@ -26,7 +26,7 @@ LARGEST_NORMAL_MISFIT: Final = np.radians(2.0)
 """The same of the wall's normals, rms."""
 
 PLANE_ROUNDS: Final = 3
-"""Of moving g and cutting anew: then areas are within 0.1 % at the sections."""
+"""Of moving g and cutting again: then areas are within 0.1 % at the sections."""
 
 CUTTING_ROUNDS: Final = 4
 """Newton's, for where a plane cuts a line: more move nothing by a micrometre."""
