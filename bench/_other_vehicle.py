@@ -54,6 +54,8 @@ DRIVE_LAG, DRIVE_GAIN, BRAKING = 0.08, 0.4, 1.5
 """Seconds by which the drives lag, m/s² that they gain, and that they lose on a stop."""
 
 LASER_AHEAD: Final = 0.5
+KINK_AT: Final = 0.2
+"""Metres along the weld at which a kink begins: the laser comes to it after 100 mm of way."""
 STAND_OFF, HALF_ANGLE, COLUMNS, LASER_NOISE = 0.149, 0.27, 320, 0.05e-3
 HALF_WIDTH, HALF_ROOT, DEPTH, HIGH_LOW = 0.015, 0.015 - 0.02 * tan(pi / 6), 0.02, 1e-3
 TACK: Final = (0.10, 0.03, 4e-3)
@@ -103,7 +105,7 @@ class Hull:
     curvature : float
         Of the joint, 1/m, to the right.
     kink : float
-        Metres by which the joint goes aside within 100 mm, from 50 mm of the weld on.
+        Metres by which the joint goes aside within 100 mm, from `KINK_AT` on.
     tack : tuple of float
         Middle, length and height of a tack, metres.
     capped : bool
@@ -267,7 +269,7 @@ class OtherWorld:
 
     def joint_y(self, x: float) -> float:
         """Where the joint is across the hull at x, metres."""
-        bend, into = self.hull.curvature, min(max((x - 0.05) / 0.1, 0.0), 1.0)
+        bend, into = self.hull.curvature, min(max((x - KINK_AT) / 0.1, 0.0), 1.0)
         curve = bend * x**2 / (1 + sqrt(1 - (bend * x) ** 2))
         return curve + self.hull.kink * into**2 * (3 - 2 * into)
 

@@ -274,7 +274,7 @@ def job_of(row: SoundRow) -> CrawlJob:
         tables[device] = {**tables.get(device, {}), "driver": NAME}
     if row.radius is not None:
         tables["course"] = {"radius_m": row.radius}
-    tables["weld"]["length_m"] = 0.2
+    tables["weld"]["length_m"] = 0.4 if row.hull.kink else 0.2
     heights = (-18, -12, -6)[: len(row.limits)]
     tables["pass"] = [{"speed_mm_s": 8.0, "height_mm": height} for height in heights]
     return validate_table(CrawlJob, tables)

@@ -92,7 +92,7 @@ def context(tmp_path: Path, offset: str = "offset_mm = 20") -> CrawlContext:
 @pytest.mark.parametrize(
     ("change", "guard"),
     [
-        (lambda state: replace(state, odometry=Twist(0.0, 0.0)), "encoder"),
+        (lambda state: replace(state, odometry=Twist(0.0, 0.0)), "not moving"),
         (lambda state: replace(state, proximity=()), "proximity"),
         (lambda state: replace(state, time=state.time + 100), "clock"),
         (lambda state: replace(state, time=nan), "clock"),
@@ -214,6 +214,9 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
             assert abs(last.state.odometry.speed) < 1e-3
             for _ in range(1000):
                 cell.vehicle.next_state()
+            return True
+
+        def confirm_torch(self) -> bool:
             return True
 
     asked = replace(found, operator=SlowOperator())

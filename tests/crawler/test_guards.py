@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from tjscan.core.errors import CrawlStopped
-from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces, ProximitySettings
+from tjscan.crawler.guards import (
+    MOST_CYCLES_OFF,
+    Guards,
+    ProximityFilter,
+    ProximitySensorPlaces,
+    ProximitySettings,
+)
 from tjscan.crawler.method import OffsetEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.slip_aware import SlipAwareMethod, SteeringSettings
@@ -194,3 +200,12 @@ def test_nothing_is_welded_where_the_torch_is_off_or_not_known(
     with pytest.raises(CrawlStopped) as caught:
         guards().watch_weld(deviation, sigma)
     assert caught.value.guard == guard
+
+
+def test_a_burning_torch_is_off_for_some_cycles_on_end_in_which_its_cause_may_show() -> None:
+    found = guards()
+    for off in (*[1.1e-3] * MOST_CYCLES_OFF, 0.0, *[-1.1e-3] * MOST_CYCLES_OFF):
+        found.watch_weld(off, 0.1e-3, burning=True)
+    with pytest.raises(CrawlStopped) as caught:
+        found.watch_weld(-1.1e-3, 0.1e-3, burning=True)
+    assert caught.value.guard == "torch off its path"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tjscan.crawler.slip_aware import OdometryFilter
+from tjscan.crawler.slip_aware import DRIVE_LAG, OdometryFilter
 from tjscan.vehicle.vehicle import Twist
 
 PERIOD = 0.01
@@ -40,3 +40,16 @@ def test_it_says_once_that_the_vehicle_turned_back() -> None:
     ]
     assert sum(turned) == 1
     assert any(turned[400:])
+
+
+def test_noise_is_no_turn_and_a_turn_is_one_at_once() -> None:
+    """What goes by how much it turns, whichever way, is neither biased by noise nor late."""
+    rng = np.random.default_rng(1)
+    found, turned, truly, now = OdometryFilter(), 0.0, 0.0, 0.0
+    for k in range(2000):
+        asked = Twist(0.02, 2e-3 * (k >= 1000))
+        now += PERIOD / DRIVE_LAG * (asked.turn_rate - now)
+        shown = Twist(0.02, now + 3.5e-4 * rng.standard_normal())
+        turned += abs(found.smooth(shown, PERIOD, asked).asked_turn_rate or 0.0) * PERIOD
+        truly += abs(now) * PERIOD
+    assert turned == pytest.approx(truly, rel=1e-6)

@@ -8,13 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.crawler.slip_aware import OdometryFilter
+from tjscan.crawler.slip_aware import OdometryFilter, SlipAwareMethod, SteeringSettings
 from tjscan.crawler.slip_estimator import (
     RIPPLE_STATES,
     SETTLING_LENGTH,
     STATE_COUNT,
     CrawlerGeometry,
+    SlipEstimate,
     SlipStateIndex,
+    SlipUncertainty,
     TrackOdometry,
     laser_offset,
     propagate_state,
@@ -51,7 +53,7 @@ odometries = st.builds(
     st.sampled_from([-5e-3, -1e-3, 1e-3, 4e-3]),
     st.floats(0.005, 0.05),
     st.floats(-0.5, 0.5),
-    mean_turn_rate=st.none() | st.sampled_from([-2e-3, 3e-3]),
+    asked_turn_rate=st.none() | st.sampled_from([-2e-3, 3e-3]),
     turn_rate_parts=st.tuples(*5 * [st.floats(-0.05, 0.05)]),
 )
 MIRROR = np.array([-1, -1, 1, 1, -1, -1, -1, -1, 1, 1, *5 * [-1], 1, -1, -1, 1, -1, -1, -1])
@@ -72,7 +74,7 @@ def test_the_derivative_of_a_step_is_that_of_finite_differences(
     x: Array, odometry: TrackOdometry
 ) -> None:
     drift = x[SlipStateIndex.DRIFT] + x[SlipStateIndex.UNSTEADY_DRIFT]
-    mean = odometry.mean_turn_rate or odometry.turn_rate
+    mean = odometry.asked_turn_rate or odometry.turn_rate
     tracks = mean + x[RIPPLE_STATES] @ odometry.turn_rate_parts[:4]
     turn = x[SlipStateIndex.YAW_EFFICIENCY] * tracks + drift * odometry.speed
     if abs(turn) < 1e-5:
@@ -96,7 +98,7 @@ def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometr
         odometry,
         turn_rate=-odometry.turn_rate,
         recent_turn=-odometry.recent_turn,
-        mean_turn_rate=-(odometry.mean_turn_rate or odometry.turn_rate),
+        asked_turn_rate=-(odometry.asked_turn_rate or odometry.turn_rate),
         turn_rate_parts=parts,
     )
     after, _ = propagate_state(x, odometry, GEOMETRY)
@@ -199,3 +201,20 @@ def test_so_it_does_on_pads_the_less_the_more_feet_slide() -> None:
     assert first < 0.3 * gentle
     assert 0.7 / 6 - 0.04 < gentle < 0.7 / 6 + 0.04  # a sixth of the contact where feet stick
     assert centre_ahead_on_pads(0.3)[1] < 0.5 * gentle
+
+
+def test_ripple_about_a_contact_that_goes_to_and_fro_is_a_crab() -> None:
+    """`SlipAwareMethod` states what this comes to over all ways in which the chains may lie."""
+    pitch, gauge, efficiency, ripple = TrackGeometry().pad_pitch, 0.4, 0.6, 0.02
+    way = np.linspace(0.0, 10 * pitch, 2000, endpoint=False)
+    centre = pitch * (0.5 - way / pitch % 1.0)
+    phases = np.random.default_rng(1).uniform(0, 2 * np.pi, (1000, 2, 1))
+    left, right = ripple * np.cos(2 * np.pi * way / pitch + phases).transpose(1, 0, 2)
+    crab = -(efficiency * (left - right) / gauge * centre).mean(axis=1)
+    x = SlipEstimate.before_any_reading(SlipUncertainty()).x.copy()
+    x[SlipStateIndex.YAW_EFFICIENCY] = efficiency
+    x[[SlipStateIndex.LEFT_RIPPLE_SINE, SlipStateIndex.RIGHT_RIPPLE_COSINE]] = ripple
+    sure = SlipEstimate(x, np.zeros((len(x), len(x))))
+    geometry = CrawlerGeometry(0.5, 0.0)
+    known = SlipAwareMethod(geometry, sure, SlipUncertainty(), SteeringSettings()).torch.sigma
+    assert known == pytest.approx(0.5 * crab.std(), rel=0.05)

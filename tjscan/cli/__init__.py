@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,9 @@ from cyclopts import App, CycloptsError
 
 from tjscan.core import errors
 from tjscan.core.version import PROGRAM_VERSION
+
+# Its matrices are small: threads would only wait for each other. Workers inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class _TjscanApp(App):
@@ -45,7 +49,7 @@ COMMAND_GROUPS: Final = (
     (app, "weld", ("weld", "inspect", "beads")),
     (app, "study", ("study", "chain")),
     (app, "files", ("joint", "init", "schema")),
-    (crawl_app, "crawl", ("run", "size", "calibrate", "compare", "replay")),
+    (crawl_app, "crawl", ("run", "size", "calibrate", "register", "compare", "replay")),
     (tow_app, "tow", ("run", "replay", "identify")),
 )
 """Commands by group: the module, and the functions in it.

@@ -123,6 +123,32 @@ def calibrate(job: Path, *overrides: JobKeys, out: Path | None = None, json: boo
     print_slip_calibration(found, directory, json=json)
 
 
+def register(job: Path, *overrides: JobKeys, out: Path | None = None, json: bool = False) -> None:
+    """Find how far the torch is beside the laser's zero; ``torch.aside_mm`` of a job states it.
+
+    The crawler shuttles along a joint, and rests with the torch over it. Jog the torch, by
+    millimetres at the terminal, until its wire points at the middle of the joint.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    out
+        The directory to make; ``runs/JOB-DATE`` if left out.
+    json
+        Print the result as JSON on stdout.
+    """
+    from tjscan.job.crawl.job import read_crawl_job
+
+    parsed = read_crawl_job(job, parse_overrides(overrides))
+    from tjscan.cli.output.crawl import print_registration, watch_crawl
+    from tjscan.runs.crawl.run import register_torch
+
+    with watch_crawl(parsed, job) as context:
+        found = register_torch(context, out or default_run_directory(job))
+    print_registration(found, json=json)
+
+
 def compare(first: Path, second: Path, *, json: bool = False) -> None:
     """Compare the passes of two crawls: deviation, speed, time and stops.
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import nan
+from math import floor, isfinite, nan
 from typing import Final, Protocol
+
+import numpy as np
 
 from tjscan.core.errors import CrawlStopped, GrooveNotFound
 from tjscan.crawler.contradiction import ContradictionWatch
@@ -16,7 +18,7 @@ from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import TORCH_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
-from tjscan.crawler.torch_axes import TorchAxes
+from tjscan.crawler.torch_axes import TorchAxes, TorchJog
 from tjscan.crawler.torch_trace import TRACED_PHASES, TorchTracer
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
@@ -40,6 +42,9 @@ of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm.
 
 MOST_KEPT_PROFILES: Final = 10
 """Profiles that are kept."""
+
+WIDTH_STATION_LENGTH: Final = 5e-3
+"""Metres of the joint for which one mean width is kept."""
 
 
 class JointReader(Protocol):
@@ -75,6 +80,10 @@ class CrawlDevices:
         Gives the seconds on the clock that the laser's profiles are dated by.
     tracks : TrackGeometry, optional
         Of the vehicle: by it its twist shows what each track does.
+    jog : TorchJog, optional
+        What a person adds to the torch's path; nothing if left out.
+    laser_to_torch : float, optional
+        How far the laser's line is ahead of the torch, metres.
     """
 
     vehicle: Vehicle
@@ -83,6 +92,8 @@ class CrawlDevices:
     reader: JointReader
     clock: Callable[[], float] | None = None
     tracks: TrackGeometry = field(default_factory=TrackGeometry)
+    jog: TorchJog = field(default_factory=lambda: TorchJog(0.0))
+    laser_to_torch: float = 0.5
 
 
 class JointSensor:
@@ -100,6 +111,7 @@ class JointSensor:
         self._devices, self._journal, self._late = devices, journal, False
         self.seen: deque[tuple[float, Profile]] = deque(maxlen=MOST_KEPT_PROFILES)
         """The last profiles that were read, with laser minus joint in each, metres."""
+        self._widths: dict[int, tuple[float, int]] = {}
 
     def look(self, travel: float) -> tuple[Profile, JointPlacement | None]:
         """Take a profile, and find the joint in it, if it shows it and is of now.
@@ -127,7 +139,29 @@ class JointSensor:
         except GrooveNotFound:
             return profile, None
         self.seen.append((-reading.centre, profile))
+        if isfinite(reading.width):
+            station = floor((travel + self._devices.laser_to_torch) / WIDTH_STATION_LENGTH)
+            mean, count = self._widths.get(station, (0.0, 0))
+            self._widths[station] = mean + (reading.width - mean) / (count + 1), count + 1
         return profile, reading
+
+    def width_at(self, travel: float) -> float:
+        """Width between the joint's top edges as these were read at a place along it, metres.
+
+        Between places it is linear; before the first and behind the last one it holds on.
+
+        Raises
+        ------
+        CrawlStopped
+            If the edges were read nowhere.
+        """
+        if not self._widths:
+            raise CrawlStopped(
+                "edges", "the joint's edges were read nowhere: state weave_mm, and no edge_gap_mm"
+            )
+        stations = sorted(self._widths)
+        widths = [self._widths[station][0] for station in stations]
+        return float(np.interp(travel / WIDTH_STATION_LENGTH - 0.5, stations, widths))
 
     def _profile_age(self, profile: Profile) -> float:
         """Seconds between a profile and now, at the least; none if the laser dates nothing."""
@@ -190,6 +224,8 @@ class ControlCycle:
         self._devices.torch.set_arc(burning=burning)
         self.arc = burning
         where = f"pass {self.number} at {1e3 * self.travel:.1f} mm"
+        if jog := self._devices.jog.offset:
+            where += f", the torch jogged by {1e3 * jog:+.2f} mm"
         self._journal.record(RunEvent("arc on" if burning else "arc off", where))
 
     def drive(
@@ -256,7 +292,8 @@ class ControlCycle:
         if reading is not None:
             d, d_sigma = -reading.centre, reading.centre_sigma
             surprise = method.read(d, d_sigma)
-        torch = method.torch
+        torch, jog = method.torch, devices.jog.offset
+        path += jog
         torch_y = devices.torch.move(path - torch.offset, height, period)
         cycle = CrawlCycle(
             self.phase,
@@ -272,6 +309,8 @@ class ControlCycle:
             d_sigma,
             method.slip,
             profile,
+            jog,
+            *method.laser_to_centre,
         )
         self.deviation = cycle.deviation
         self._journal.record(cycle)
@@ -304,7 +343,8 @@ class ControlCycle:
             raise CrawlStopped("clock", off)
         self._states_at_one_time = self._states_at_one_time + 1 if time == self._time else 0
         if self._states_at_one_time > MOST_STATES_AT_ONE_TIME:
-            raise CrawlStopped("clock", f"the vehicle's clock stands still at {time:.3f} s")
+            still = f"the vehicle's clock stands still at {time:.3f} s: look at its driver"
+            raise CrawlStopped("clock", still)
         self._time = time
         return period
 

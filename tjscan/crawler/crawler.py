@@ -51,6 +51,9 @@ class WeldOperator(Protocol):
     def confirm_weld(self, number: int) -> bool:
         """Whether gas, wire and current are ready for a pass, and no one is in the way."""
 
+    def confirm_torch(self) -> bool:
+        """Whether the torch, as it was jogged, points at the middle of the joint."""
+
 
 @dataclass(frozen=True, slots=True)
 class CrawlPlan:
@@ -171,6 +174,26 @@ class Crawler:
                     self._drive_in_waves(-self._plan.alignment.return_speed)
             self._cycle.run(AT_REST)
 
+    def rest_until_registered(self, height: float) -> None:
+        """Rest behind a shuttle, with the torch over the joint, until a person has put it there.
+
+        Parameters
+        ----------
+        height : float
+            Of the torch over the hull, metres.
+
+        Raises
+        ------
+        CrawlStopped, VehicleFault, LaserFault
+            As `run` does.
+        """
+        with self._stopping_if_block_raises():
+            self._cycle.enter(Event.ALIGNED, "the torch is above the joint")
+            self._cycle.enter(Event.AT_START, "put the torch over the middle of the joint")
+            self._cycle.come_to_rest(0.0, height)
+            while not self._operator.confirm_torch():
+                self._cycle.come_to_rest(0.0, height)
+
     @contextmanager
     def _stopping_if_block_raises(self) -> Iterator[None]:
         """End the arc and stop the vehicle for good if the block raises, whatever it raises."""
@@ -274,11 +297,16 @@ class Crawler:
         self._run_up_to_strike(table.at(np.array(arc_from)), arc_from)
         burning = 0.0
         while self._cycle.travel < end:
-            self._guards.watch_weld(self._cycle.deviation, self._method.torch.sigma)
+            cycle, sigma = self._cycle, self._method.torch.sigma
+            self._guards.watch_weld(cycle.deviation, sigma, burning=cycle.arc)
             if not self._cycle.arc:
                 self._cycle.set_arc(burning=True)
             here = table.at(np.array(self._cycle.travel))
-            path = float(here.offset + here.weave * one.swing(burning))
+            swing = float(here.weave)
+            if one.edge_gap is not None:
+                width = self._cycle.joint.width_at(self._cycle.travel)
+                swing = max(width / 2 - one.edge_gap, 0.0)
+            path = float(here.offset) + swing * one.swing(burning)
             burning += self._cycle.drive(float(here.speed), path, float(here.height))
         self._cycle.set_arc(burning=False)
         self._cycle.enter(Event.PASS_WELDED, f"pass {number} is welded")
@@ -294,7 +322,7 @@ class Crawler:
         for left in reversed(range(MOST_RUN_UPS)):
             self._cycle.come_to_rest()  # an operator takes his time, and no guard looks meanwhile
             while not self._operator.confirm_weld(self._cycle.number):
-                self._cycle.run(AT_REST)
+                self._cycle.come_to_rest(path, height)
             self._cycle.come_to_rest(path, height)
             self._cycle.enter(
                 Event.WELD_CONFIRMED, f"pass {self._cycle.number} at {1e3 * speed:g} mm/s"

@@ -62,6 +62,11 @@ class CrawlCycle:
         Estimate of the vehicle's slip, if the method has any.
     profile : Profile, optional
         What the laser saw; of a recording in one cycle a millimetre.
+    jog : float, optional
+        How much of the path a person added by hand, metres.
+    laser_to_centre, laser_to_centre_sigma : float, optional
+        How far the laser is ahead of the centre of rotation by the paper's filter, and its standard
+        deviation, metres; NaN by a method that takes it as known.
     """
 
     phase: Phase
@@ -77,6 +82,9 @@ class CrawlCycle:
     d_sigma: FloatOrNan = nan
     slip: SlipEstimate | None = None
     profile: Profile | None = None
+    jog: float = 0.0
+    laser_to_centre: FloatOrNan = nan
+    laser_to_centre_sigma: FloatOrNan = nan
 
     @property
     def was_read(self) -> bool:

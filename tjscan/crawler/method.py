@@ -104,6 +104,13 @@ class FollowingMethod(Protocol):
     def slip(self) -> SlipEstimate | None:
         """The estimated slip of the vehicle; None if the method estimates none."""
 
+    @property
+    def laser_to_centre(self) -> tuple[float, float]:
+        """How far the laser is ahead of the centre of rotation, and its standard deviation, metres.
+
+        NaN by a method that does not estimate it as the paper does.
+        """
+
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
         """Turn rate to ask of the tracks at a speed, rad/s.
 

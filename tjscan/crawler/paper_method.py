@@ -211,6 +211,12 @@ class PaperMethod:
         """The paper knows of no slip."""
         return
 
+    @property
+    def laser_to_centre(self) -> tuple[float, float]:
+        """The paper's l; see `FollowingMethod.laser_to_centre`."""
+        which, x, P = PaperState.LASER_TO_CENTRE, self._filter.x, self._filter.P
+        return float(x[which]), sqrt(P[which, which])
+
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
         """Turn rate by (6) to (8).
 

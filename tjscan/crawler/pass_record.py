@@ -37,6 +37,8 @@ class PassRecord:
         Places along the weld, how far the torch was to the right of its path there, by a smoother
         over all that was measured until the way back was done, and its standard deviation, metres;
         none if the method can't state it.
+    jog : float
+        The farthest that a person had the torch beside its path, metres to the right.
     read_share : float
         Share of the profiles, while it burned, in which the joint was read.
     true_travel, true_offset, true_deviation, offset_error : ndarray, shape (m,)
@@ -54,6 +56,7 @@ class PassRecord:
     torch_travel: Array
     torch_off: Array
     torch_sigma: Array
+    jog: float
     read_share: float
     true_travel: Array
     true_offset: Array
@@ -137,17 +140,18 @@ def _record_pass(
 ) -> PassRecord:
     """Record of a pass, each of its arcs after the cycle before it was struck."""
     rows = [
-        (cycle.travel, cycle.torch.offset, cycle.torch.sigma, cycle.was_read)
+        (cycle.travel, cycle.torch.offset, cycle.torch.sigma, cycle.was_read, cycle.jog)
         for arc in arcs
         for cycle in arc[1:]
     ]
-    travel, offset, sigma, was_read = np.array(rows, dtype=float).T
+    travel, offset, sigma, was_read, jog = np.array(rows, dtype=float).T
     arc_spans = tuple((arc[0].travel, arc[-1].travel) for arc in arcs)
     seconds = sum(arc[-1].state.time - arc[0].state.time for arc in arcs)
     read_share, known = float(was_read.mean()), np.reshape(truth, (-1, 4)).T
+    farthest = float(jog[np.abs(jog).argmax()])
     torch = [
         np.concatenate([np.empty(0), *(getattr(one, name) for one in traces)])
         for name in ("travel", "off", "sigma")
     ]
     estimated = number, arc_spans, seconds, travel, offset, sigma
-    return PassRecord(*estimated, torch[0], torch[1], torch[2], read_share, *known)
+    return PassRecord(*estimated, torch[0], torch[1], torch[2], farthest, read_share, *known)

@@ -183,6 +183,9 @@ class PassSettings(PassRow):
         Of a whole swing there and back, dwells included, seconds.
     dwell : float
         How long it stays at each end, seconds.
+    edge_gap : float, optional
+        Weave from edge to edge of the joint, as these were read there, and turn so far inside of
+        each, metres; `weave` is not stated then.
     procedure : str, optional
         Which welding procedure specification holds; the job's if left out.
     segments : tuple of PassSegment
@@ -191,6 +194,7 @@ class PassSettings(PassRow):
 
     weave_period: Annotated[float, Gt(0), Le(60), SECONDS] = 2.0
     dwell: Annotated[float, Ge(0), Le(10), SECONDS] = 0.0
+    edge_gap: Annotated[float | None, Ge(0), Le(50), MM] = None
     procedure: Annotated[str | None, MinLen(1)] = None
     segments: Annotated[tuple[PassSegment, ...], MaxLen(1000), LIST_OR_WORD_IN_FILE] = ()
 
@@ -198,7 +202,10 @@ class PassSettings(PassRow):
         own = {field.name: getattr(self, field.name) for field in fields(PassRow)}
         if self.segments and PassRow(**own) != PassRow():
             raise ValueError("segments state speed, offset, height, weave and feed: state no other")
-        if self.table.weave.max() > 0 and not 2 * self.dwell < self.weave_period:
+        if self.edge_gap is not None and self.table.weave.max() > 0:
+            raise ValueError("edge_gap_mm states where a swing ends: state no weave_mm")
+        weaves = self.edge_gap is not None or self.table.weave.max() > 0
+        if weaves and not 2 * self.dwell < self.weave_period:
             raise ValueError("two dwell_s leave no time to swing: make weave_period_s longer")
 
     @property

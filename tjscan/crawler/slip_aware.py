@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import copysign, exp, sqrt
+from math import copysign, exp, hypot, nan, sqrt, tau
 from typing import Annotated, Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.core.units import MM, PER_M, SettingsTable
 from tjscan.crawler.method import OffsetEstimate, TorchEstimate
 from tjscan.crawler.slip_estimator import (
+    RIPPLE_STATES,
     SETTLING_LENGTH,
     CrawlerGeometry,
     SlipEstimate,
@@ -39,10 +40,6 @@ counts at most: the vehicle's own turns are no noise."""
 RAMP_SPEED_DIFFERENCE: Final = 2e-3
 RAMP_TURN_RATE_DIFFERENCE: Final = 10e-3
 """m/s and rad/s: encoders this far from what was asked show a ramp, not noise, and count alone."""
-
-TURN_MEMORY_LENGTH: Final = 10e-3
-"""Metres over which the turn rate is averaged whose magnitude counts: encoders that count 1.6 µm
-make it noisier by 5 mrad/m at 8 mm/s, which cancels over a second, and feet shear in no less."""
 
 CREEPING_SPEED: Final = 1e-3
 """m/s: what is slower shows no curvature, its turn being divided by hardly anything."""
@@ -140,7 +137,7 @@ class OdometryFilter:
     """
 
     def __init__(self, tracks: TrackGeometry | None = None) -> None:
-        self._speed = self._turn_rate = self._mean_turn_rate = self._late_turn_rate = 0.0
+        self._speed = self._turn_rate = self._asked_turn_rate = self._late_turn_rate = 0.0
         self._way, self._recent_turn = 0.0, 0.0
         self._tracks, self._chains = tracks or TrackGeometry(), np.zeros(2)
         self._off, self._noise = (0.0, 0.0), QUIET_TURN_RATE**2
@@ -169,17 +166,15 @@ class OdometryFilter:
         self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
         late = min(period / LIKELY_DELAY, 1.0) * (self._turn_rate - self._late_turn_rate)
         self._late_turn_rate += late
-        turned_back, new = False, 1.0
+        turned_back = False
         if abs(self._speed) > CREEPING_SPEED:
             way = copysign(1.0, self._speed)
             turned_back = way == -self._way
             if way != self._way:
                 self._way, self._recent_turn = way, 0.0
-                self._mean_turn_rate = self._turn_rate
             new = 1 - exp(-abs(self._speed) * period / SETTLING_LENGTH)
             self._recent_turn += new * (self._turn_rate / abs(self._speed) - self._recent_turn)
-            new = 1 - exp(-abs(self._speed) * period / TURN_MEMORY_LENGTH)
-        self._mean_turn_rate += new * (self._turn_rate - self._mean_turn_rate)
+        self._asked_turn_rate += follow * (commanded.turn_rate - self._asked_turn_rate)
         self._chains += self._tracks.track_speeds(measured) * period
         return TrackOdometry(
             self._speed,
@@ -187,7 +182,7 @@ class OdometryFilter:
             period,
             self._recent_turn,
             turned_back,
-            self._mean_turn_rate,
+            self._asked_turn_rate,
             turn_rate_parts=(*self._turn_by_ripple(), -late / period),
         )
 
@@ -230,8 +225,9 @@ class SlipAwareMethod:
         tracks: TrackGeometry | None = None,
     ) -> None:
         self._estimator = SlipEstimator(geometry, estimate, uncertainty)
-        self._uncertainty, self._steering, self._tracks = uncertainty, steering, tracks
-        self._odometry = OdometryFilter(tracks)
+        self._uncertainty, self._steering = uncertainty, steering
+        self._tracks = tracks or TrackGeometry()
+        self._odometry = OdometryFilter(self._tracks)
 
     @property
     def slip(self) -> SlipEstimate:
@@ -260,13 +256,33 @@ class SlipAwareMethod:
 
     def smoothed_offsets(self) -> tuple[Array, Array]:
         """Offsets at the kept states; see `FollowingMethod.smoothed_offsets`."""
-        return self._estimator.smoother.smooth(SlipStateIndex.OFFSET)
+        offsets, sigmas = self._estimator.smoother.smooth(SlipStateIndex.OFFSET)
+        return offsets, np.hypot(sigmas, self._hidden_sigma)
+
+    @property
+    def laser_to_centre(self) -> tuple[float, float]:
+        """Not known as the paper has it; see `FollowingMethod.laser_to_centre`."""
+        return nan, nan
 
     @property
     def torch(self) -> TorchEstimate:
         """The estimated place of the torch."""
         offset, heading = self.slip.x[[SlipStateIndex.OFFSET, SlipStateIndex.HEADING]].tolist()
-        return TorchEstimate(offset, self.slip.sigma(SlipStateIndex.OFFSET), heading)
+        sigma = hypot(self.slip.sigma(SlipStateIndex.OFFSET), self._hidden_sigma)
+        return TorchEstimate(offset, sigma, heading)
+
+    @property
+    def _hidden_sigma(self) -> float:
+        """Standard deviation of what no reading shows of the torch: a crab by the chains' ripple.
+
+        As a pad comes on and another one leaves, the middle of a contact goes to and fro by a pitch
+        as a sawtooth, and about it the vehicle turns to and fro with the ripple. The mean of that
+        product carries it aside: to one side forward, to the other backward, as a heading does. So
+        no reversal shows it. It goes by how both chains lie on their sprockets: by chance.
+        """
+        ripple = float(np.linalg.norm(self.slip.x[RIPPLE_STATES])) / self._tracks.gauge
+        crab = self.slip.x[SlipStateIndex.YAW_EFFICIENCY] * ripple * self._tracks.pad_pitch
+        return self._estimator.geometry.laser_to_torch * float(crab) / (sqrt(2) * tau)
 
     @property
     def laser(self) -> OffsetEstimate:

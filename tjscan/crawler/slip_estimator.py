@@ -137,9 +137,9 @@ class TrackOdometry:
         it last turned back, faded over `SETTLING_LENGTH`.
     turned_back : bool, optional
         Whether it now goes the other way than in the periods before.
-    mean_turn_rate : float, optional
-        The turn rate without the encoders' noise, by its mean over the last millimetres; that of
-        this period if left out.
+    asked_turn_rate : float, optional
+        The turn rate that the drives were asked for, by their lag: one without the encoders' noise;
+        that of this period if left out.
     turn_rate_parts : tuple of float, optional
         What each of `ODOMETRY_STATES`, were it 1, would add to the turn rate, rad/s.
     """
@@ -149,7 +149,7 @@ class TrackOdometry:
     period: float
     recent_turn: float = 0.0
     turned_back: bool = False
-    mean_turn_rate: float | None = None
+    asked_turn_rate: float | None = None
     turn_rate_parts: tuple[float, ...] = (0.0,) * 5
 
 
@@ -192,10 +192,12 @@ def propagate_state(
     way = copysign(1.0, u) if u else 0.0
     wrongly = list(map(mul, wrong, odometry.turn_rate_parts))
     tracks_turn = odometry.turn_rate + sum(wrongly)
-    # What goes by how much it turns, whichever way, is of the mean turn: noise adds up there.
-    mean_turn = odometry.turn_rate if odometry.mean_turn_rate is None else odometry.mean_turn_rate
-    mean_turn += sum(wrongly[:-1])
-    level = efficiency * mean_turn + (drift + veers) * u
+    # What goes by how much it turns, whichever way, is of what was asked: noise adds up there.
+    asked_turn = (
+        odometry.turn_rate if odometry.asked_turn_rate is None else odometry.asked_turn_rate
+    )
+    asked_turn += sum(wrongly[:-1])
+    level = efficiency * asked_turn + (drift + veers) * u
     side = copysign(1.0, level) if level else 0.0
     turn = efficiency * tracks_turn + (drift + veers) * u + turning_drift * abs(level)
     most = abs(level) + turning_drift * level
@@ -216,7 +218,7 @@ def propagate_state(
     after[SlipStateIndex.JOINT_DOWN] -= dt * curvature * u
     # How far it turns by each quantity of slip, and so goes aside with that.
     by_slip, by_level = np.zeros(STATE_COUNT), np.zeros(STATE_COUNT)
-    by_slip[TURNING_STATES], by_level[TURNING_STATES] = (tracks_turn, u, u), (mean_turn, u, u)
+    by_slip[TURNING_STATES], by_level[TURNING_STATES] = (tracks_turn, u, u), (asked_turn, u, u)
     by_slip[ODOMETRY_STATES] = np.multiply(odometry.turn_rate_parts, efficiency)
     by_level[RIPPLE_STATES] = by_slip[RIPPLE_STATES]
     by_slip += side * turning_drift * by_level
@@ -276,10 +278,10 @@ MOST_WINDOW_MISFIT: Final = 9.0
 UNKNOWN_DIRECTION_SIGMA: Final = 2.0
 """Radians: of a direction of which nothing is known."""
 
-UNSTEADINESS_BOUNDS: Final = (0.001, 1.0)
+UNSTEADINESS_BOUNDS: Final = (0.003, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
 track does at most, and with none of them the filter would learn no more. The least is of pads that
-give way by 30 µm instead of 1 mm."""
+give way by 50 µm instead of 1 mm: readings hardly show less."""
 
 MOST_SIDEWAYS_SHARE: Final = 0.1
 """Metres by which torch or laser go aside at most while the vehicle goes on by one: by its slope

@@ -60,7 +60,7 @@ WATCHED_BEND: Final = 0.75
 """Share of the limit above which that is looked at: angles of a cable that is taut or
 pressed together are known badly and are small."""
 
-EASED_BEND: Final = radians(1.0)
+EASED_BEND: Final = radians(0.5)
 """Radians that an angle must be below that before the welder goes on after it waited."""
 
 LEAST_WELDING_PACE: Final = 0.1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Final, Protocol, Self
 
@@ -100,7 +100,7 @@ def merge_unread_states(states: Sequence[VehicleState], since: float | None = No
     """
     if len(states) == 1:
         return states[0]
-    times = [state.time for state in states]
+    times, twists = [state.time for state in states], [state.odometry for state in states]
     before = 2 * times[0] - times[1] if since is None else since
     periods = np.maximum(np.diff(times, prepend=before), PERIOD_SUM_TOLERANCE)
 
@@ -111,7 +111,7 @@ def merge_unread_states(states: Sequence[VehicleState], since: float | None = No
 
     return replace(
         states[-1],
-        odometry=Twist(*mean([astuple(state.odometry) for state in states])),
+        odometry=Twist(*mean([(t.speed, t.turn_rate, t.sideways) for t in twists])),
         proximity=next((s.proximity for s in reversed(states) if s.proximity), ()),
         gyro=mean([state.gyro for state in states]),
         down=next((s.down for s in reversed(states) if s.down), ()),

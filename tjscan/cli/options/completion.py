@@ -17,7 +17,7 @@ JOB_KIND_OF_COMMAND: Final[Mapping[tuple[str, ...], str]] = {
     **{(w,): "scan" for w in ("scan", "teach", "doctor", "laser", "reprocess", "laser-loopback")},
     ("weld",): "weld",
     ("calibrate",): "calibrate",
-    **{("crawl", word): "crawl" for word in ("run", "size", "calibrate", "replay")},
+    **{("crawl", word): "crawl" for word in ("run", "size", "calibrate", "register", "replay")},
     **{("tow", word): "tow" for word in ("run", "replay")},
 }
 """Commands that take keys of a job as options, and the kind of that job's file."""

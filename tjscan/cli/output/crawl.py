@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
@@ -11,8 +11,10 @@ from pathlib import Path
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.shared import LiveCrawlOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message
+from tjscan.crawler.method import OffsetEstimate
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
+from tjscan.crawler.torch_axes import TorchJog
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
@@ -30,14 +32,35 @@ class EventPrinter:
 
 
 class TerminalWeldOperator:
-    """A `WeldOperator` who is asked at the terminal before each pass."""
+    """A `WeldOperator` who is asked at the terminal, and may jog the torch there.
+
+    Parameters
+    ----------
+    jog : TorchJog
+    """
+
+    def __init__(self, jog: TorchJog) -> None:
+        self._jog = jog
 
     def confirm_weld(self, number: int) -> bool:
-        """Ask until it is confirmed; Ctrl-C stops the crawler instead."""
+        """Ask once before a pass; Ctrl-C stops the crawler instead."""
+        ready = "Gas, wire and current ready, and the way clear of people"
+        return self._confirm(f"{ready}: weld pass {number}?")
+
+    def confirm_torch(self) -> bool:
+        """Ask once whether the torch is registered."""
+        return self._confirm("Does the wire point at the middle of the joint?")
+
+    def _confirm(self, question: str) -> bool:
         import questionary
 
-        question = f"Gas, wire and current ready, and the way clear of people: weld pass {number}?"
-        return bool(questionary.confirm(question).unsafe_ask())
+        choice = "y, n, or millimetres by which to jog the torch to the right:"
+        answer = str(questionary.text(f"{question} {choice}").unsafe_ask()).strip().lower()
+        with suppress(ValueError):
+            if isfinite(by := 1e-3 * float(answer)):
+                self._jog.move(by)
+                print_message(f"the torch is jogged by {1e3 * self._jog.offset:+.2f} mm")
+        return answer in ("y", "yes")
 
 
 @contextmanager
@@ -54,15 +77,16 @@ def watch_crawl(
     page : LiveCrawlOptions, optional
         Whether it is shown in a browser too, and driven by hand there before it begins.
     """
-    operator = TerminalWeldOperator() if job.simulation is None else AutomaticWeldOperator()
-    context = CrawlContext(job, file, EventPrinter(), write_run_report, operator)
+    jog = TorchJog(job.torch.jog)
+    operator = TerminalWeldOperator(jog) if job.simulation is None else AutomaticWeldOperator()
+    context = CrawlContext(job, file, EventPrinter(), write_run_report, operator, jog=jog)
     if page is None or not page.live:
         yield context
         return
     from tjscan.runs.live.crawl import PageHandDrive, show_crawl
 
     hand, stop = PageHandDrive.of_job(job) if page.wait else None, ctrl_c_presser()
-    with show_crawl(job, file.stem, page.page_address, print_message, stop, hand) as shown:
+    with show_crawl(job, file.stem, page.page_address, print_message, stop, jog, hand) as shown:
         both = CombinedJournal(context.journal, shown)
         yield replace(context, journal=both, hand=hand)
 
@@ -113,6 +137,15 @@ def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: boo
     print_message(
         f'a job takes it with: calibration = "{directory.resolve() / "calibration.toml"}"'
     )
+
+
+def print_registration(found: OffsetEstimate, *, json: bool) -> None:
+    """Print where the torch is beside the laser's zero."""
+    aside, sigma = round(1e3 * found.offset, 3), round(1e3 * found.sigma, 3)
+    if json:
+        print_json({"aside_mm": aside, "sigma_mm": sigma})
+        return
+    print_message(f"known to {sigma:g} mm; a job takes it with, in [torch]: aside_mm = {aside:g}")
 
 
 def _print_pass_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, inf, sin, sqrt, tau
+from math import cos, inf, nan, sin, sqrt, tau
 from typing import Final
 
 import numpy as np
@@ -74,6 +74,11 @@ class JointPlacement:
     roll: float
     centre_sigma: float
     shared_sigma: float = 0.0
+
+    @property
+    def width(self) -> float:
+        """Between the joint's top edges, in metres; NaN if these were not read."""
+        return nan
 
     def joint_coordinates(self, x: Array, z: Array) -> tuple[Array, Array]:
         """Points of a profile, across the joint from its centre and into the hull, in metres."""

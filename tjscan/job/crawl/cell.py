@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import cos, sin
 from time import monotonic
 from typing import Final
 
@@ -15,7 +16,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.plan import PassSettings
-from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchAxes
+from tjscan.crawler.torch_axes import RegisteredTorch, SimulatedTorchAxes, TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings, TorchDriverInputs
 from tjscan.job.crawl.weld import CrawlWeld
 from tjscan.job.devices import DeviceGroup, make_laser_without_arm
@@ -71,9 +72,20 @@ class SimulatedWeld:
         return float(x), float(y), heading
 
     def torch_place(self) -> tuple[float, float]:
-        """Where the torch's zero truly is: along the joint, and to the right of it, metres."""
-        x, y, _ = self.pose_ahead(-self.job.vehicle.centre_to_torch)
+        """Where the torch's zero truly is: along the joint, and to the right of it, metres.
+
+        Its places count from the laser's zero, as far as it is registered rightly.
+        """
+        x, y, heading = self.pose_ahead(-self.job.vehicle.centre_to_torch)
+        off = self.world.torch_aside - self.job.torch.aside
+        x, y = x - off * sin(heading), y + off * cos(heading)
         return place_beside_joint(self.world.joint, x, y)
+
+    def torch_beside_joint(self) -> tuple[float, float]:
+        """Where the torch itself truly is: along the joint, and to the right of it, metres."""
+        along, right = self.torch_place()
+        y = self.torch.y if isinstance(self.torch, SimulatedTorchAxes) else 0.0
+        return along, right + y + self.job.torch.aside
 
     def simulated_place(self) -> SimulatedPlace:
         """True place of the vehicle and of its torch."""
@@ -103,13 +115,12 @@ class SimulatedWeld:
     def _weld_below_torch(self) -> None:
         self.disturb(self.torch.arc)
         if self.torch.arc:
-            along, right = self.torch_place()
+            along, right = self.torch_beside_joint()
             if not self._arc_burned_before:
                 self.welded.append([along, along])
             self.welded[-1][1] = max(self.welded[-1][1], along)
             if self.metal is not None:
-                y = self.torch.y if isinstance(self.torch, SimulatedTorchAxes) else 0.0
-                self.metal.burn(self.clock(), along, right + y)
+                self.metal.burn(self.clock(), along, right)
         elif self._arc_burned_before and self.metal is not None:
             self.metal.end_arc(self.pass_of_arc(len(self.welded) - 1))
         self._arc_burned_before = self.torch.arc
@@ -194,8 +205,9 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     torch: TorchAxes = job.torch.make_device(
         TorchDriverInputs(reach=job.torch.reach, speed=job.torch.speed, vehicle=link)
     )
+    registered = RegisteredTorch(torch, job.torch.aside) if job.torch.aside else torch
     if world is None:
-        return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch)
+        return CrawlCell(vehicle, make_laser_without_arm(job.laser), registered)
     body = vehicle.body if isinstance(vehicle, SimulatedVehicle) else None
 
     def disturb(burning: bool) -> None:
@@ -212,10 +224,10 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
         for arc, ends in enumerate(welded):
             metal.lay_again(weld.pass_of_arc(arc), *ends)
     if job.laser.driver_kind is not DriverKind.SIMULATED:
-        return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch, weld)
+        return CrawlCell(vehicle, make_laser_without_arm(job.laser), registered, weld)
     rng = np.random.default_rng([world.seed, LASER_RANDOM_STREAM])
     laser = SimulatedSectionLaser(weld.section_below_laser, weld.laser_model, clock, rng=rng)
-    return CrawlCell(vehicle, laser, torch, weld, clock)
+    return CrawlCell(vehicle, laser, registered, weld, clock)
 
 
 def _refuse_recording() -> tuple[VehicleState, ...]:

@@ -153,12 +153,19 @@ class TorchSettings(DeviceSettings):
         To either side of the vehicle's middle, metres.
     speed : float
         Across the joint, m/s.
+    aside : float
+        How far the torch is to the right of the laser's zero where its axis is at zero, metres, as
+        ``tjscan crawl register`` finds it.
+    jog : float
+        How far a person may move it beside its path, to either side, metres.
     """
 
     registry: ClassVar[DriverRegistry[Any]] = TORCH_DRIVERS
 
     reach: Annotated[float, Gt(0), Le(500), MM] = 0.030
     speed: Annotated[float, Gt(0), Le(1000), MM_S] = 0.1
+    aside: Annotated[float, Ge(-100), Le(100), MM] = 0.0
+    jog: Annotated[float, Ge(0), Le(20), MM] = 3e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,6 +207,8 @@ class CrawlSimulationSettings(SettingsTable):
         The joint as it truly is. It starts at x = 0 of the hull.
     laser : SectionLaserModel
     vehicle : VehicleSimulationSettings
+    torch_aside : float
+        How far the torch truly is to the right of the laser's zero, metres.
     weld : SimulatedWeldSettings, optional
         Without, each pass leaves the bead that the joint states for it.
     """
@@ -209,6 +218,7 @@ class CrawlSimulationSettings(SettingsTable):
     joint: HullJoint = field(default_factory=HullJoint)
     laser: SectionLaserModel = field(default_factory=SectionLaserModel)
     vehicle: VehicleSimulationSettings = field(default_factory=VehicleSimulationSettings)
+    torch_aside: Annotated[float, Ge(-100), Le(100), MM] = 0.0
     weld: SimulatedWeldSettings | None = None
 
     def contradictions(self, stated_radius: float | None) -> Iterator[tuple[str, str]]:
@@ -278,6 +288,7 @@ class CrawlJob(StrictFileModel):
             )
         for number, one in enumerate(self.passes, start=1):
             farthest = float((np.abs(one.table.offset) + one.table.weave).max())
+            farthest += abs(self.torch.aside)
             if farthest > self.torch.reach:
                 yield (
                     "torch.reach_mm",
@@ -285,6 +296,8 @@ class CrawlJob(StrictFileModel):
                     f"and its axis reaches {1e3 * self.torch.reach:g} mm: make offset_mm or "
                     "weave_mm of the pass smaller",
                 )
+            if one.edge_gap is not None and self.method == "paper":
+                yield "pass.edge_gap_mm", f"pass {number}: the paper's method reads no edges"
         if self.simulation is not None:
             yield from self.simulation.contradictions(radius)
 

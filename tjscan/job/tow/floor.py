@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import shapely
 from scipy.sparse.csgraph import connected_components
 
+from tjscan.core.frames import Array
+from tjscan.towing import tables
 from tjscan.towing.seam import Seam
-from tjscan.towing.tables import Point
-
-if TYPE_CHECKING:
-    from tjscan.job.tow.job import TowJob
 
 SEAM_SAMPLE_STEP: Final = 0.1
 """Metres of seam between two places that are checked."""
@@ -22,31 +20,53 @@ EDGE_TOLERANCE: Final = 1e-6
 """Metres within which a point counts as on an edge: work begins and ends at walls."""
 
 
-def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+class TowFloor(NamedTuple):
+    """What of a job lies on the floor.
+
+    Parameters
+    ----------
+    area : AreaSettings
+    root : CableRootSettings
+    seam : SeamSettings
+    obstacles : sequence of ObstacleSettings
+    body : float
+        Radius of a vehicle and its clearance, metres.
+    pieces : ndarray, shape (vehicles,)
+        Lengths of cable before the vehicles, metres.
+    """
+
+    area: tables.AreaSettings
+    root: tables.CableRootSettings
+    seam: tables.SeamSettings
+    obstacles: Sequence[tables.ObstacleSettings]
+    body: float
+    pieces: Array
+
+
+def floor_contradictions(floor: TowFloor) -> Iterator[tuple[str, str]]:
     """Yield key and message of areas, roots and seams that can't be, and of ways too narrow."""
-    outline = shapely.Polygon(job.area.outline)
-    yield from _crossing_contradictions(job.area.outline, "area.outline_mm")
+    outline = shapely.Polygon(floor.area.outline)
+    yield from _crossing_contradictions(floor.area.outline, "area.outline_mm")
     inside = outline.buffer(EDGE_TOLERANCE)
-    for hole in job.area.holes:
+    for hole in floor.area.holes:
         yield from _crossing_contradictions(hole, "area.holes_mm")
         if not inside.contains(shapely.Polygon(hole)):
             yield (
                 "area.holes_mm",
                 f"the pillar at {_point_in_mm(hole[0])} mm is not within the outline",
             )
-    solids = _fixed_solids(job)
-    root = shapely.Point(job.root.position)
-    at_root = f"{_point_in_mm(job.root.position)} mm"
+    solids = _fixed_solids(floor)
+    root = shapely.Point(floor.root.position)
+    at_root = f"{_point_in_mm(floor.root.position)} mm"
     if not inside.contains(root):
         off = 1e3 * inside.distance(root)
         yield "root.position_mm", f"{at_root} is {off:.0f} mm outside the area"
     for solid in solids:
         if solid.shape.buffer(-EDGE_TOLERANCE).contains(root):
             yield solid.key, f"{solid.name} is on the root, at {at_root}"
-    seam = Seam(job.seam)
-    line: Any = (
-        shapely.LineString(job.seam.points) if seam.length else shapely.Point(job.seam.points[0])
-    )
+    seam = Seam(floor.seam)
+    points = floor.seam.points
+    line: Any = shapely.LineString(points) if seam.length else shapely.Point(points[0])
     if not inside.contains(line):
         along, off = _farthest_outside(seam, inside)
         yield (
@@ -54,7 +74,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
             f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it is "
             f"{1e3 * off:.0f} mm outside",
         )
-    blocked = line.difference(_free_floor(job, solids).buffer(EDGE_TOLERANCE))
+    blocked = line.difference(_free_floor(floor, solids).buffer(EDGE_TOLERANCE))
     if not blocked.is_empty:
         along = min(line.project(shapely.Point(at)) for at in shapely.get_coordinates(blocked))
         first = shapely.Point(seam.path.point_at(along))
@@ -63,20 +83,19 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
             solid.key,
             f"{solid.name} is on the seam, {1e3 * along:.0f} mm from its beginning",
         )
-    yield from _welder_contradictions(job, line)
-    yield from _corridor_contradictions(job)
+    yield from _welder_contradictions(floor, line)
+    yield from _corridor_contradictions(floor)
 
 
-def _welder_contradictions(job: TowJob, line: Any) -> Iterator[tuple[str, str]]:
+def _welder_contradictions(floor: TowFloor, line: Any) -> Iterator[tuple[str, str]]:
     """Yield obstacles that never move and are too near to the welder's body on its way."""
-    need = job.vehicles.radius + job.limits.vehicle_clearance
-    for number, one in enumerate(job.obstacles):
+    for number, one in enumerate(floor.obstacles):
         off = float(line.distance(shapely.Point(one.points[0]))) - one.radius
-        if not one.speed and 0 < off < need:
+        if not one.speed and 0 < off < floor.body:
             yield (
                 f"obstacles.{number}",
                 f"{one.name} is {1e3 * off:.0f} mm from the seam, and the welder needs "
-                f"{1e3 * need:.0f} mm: vehicles.radius_mm and limits.vehicle_clearance_mm",
+                f"{1e3 * floor.body:.0f} mm: vehicles.radius_mm and limits.vehicle_clearance_mm",
             )
 
 
@@ -88,13 +107,13 @@ class _FixedSolid(NamedTuple):
     shape: Any
 
 
-def _fixed_solids(job: TowJob) -> list[_FixedSolid]:
+def _fixed_solids(floor: TowFloor) -> list[_FixedSolid]:
     """Pillars, and obstacles that never move."""
     solids = []
-    for hole in job.area.holes:
+    for hole in floor.area.holes:
         name = f"the pillar at {_point_in_mm(hole[0])} mm"
         solids.append(_FixedSolid(name, "area.holes_mm", shapely.Polygon(hole)))
-    for number, one in enumerate(job.obstacles):
+    for number, one in enumerate(floor.obstacles):
         if not one.speed:
             name = f"{one.name} at {_point_in_mm(one.points[0])} mm"
             disc = shapely.Point(one.points[0]).buffer(one.radius)
@@ -102,51 +121,49 @@ def _fixed_solids(job: TowJob) -> list[_FixedSolid]:
     return solids
 
 
-def _free_floor(job: TowJob, solids: Sequence[_FixedSolid]) -> Any:
+def _free_floor(floor: TowFloor, solids: Sequence[_FixedSolid]) -> Any:
     """The area without pillars and obstacles; a wall and a pillar that touch leave no gap."""
-    return shapely.Polygon(job.area.outline).difference(
+    return shapely.Polygon(floor.area.outline).difference(
         shapely.union_all([solid.shape for solid in solids])
     )
 
 
-def _corridor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+def _corridor_contradictions(floor: TowFloor) -> Iterator[tuple[str, str]]:
     """Yield that the floor is too narrow for the vehicles somewhere between root and seam.
 
     A piece of cable between two vehicles may be in a gap that no vehicle passes, so places for
     vehicles count as joined if the longest piece reaches from one to the other.
     """
-    radius = job.vehicles.radius + job.limits.vehicle_clearance
-    if _can_vehicles_pass(job, radius):
+    if _can_vehicles_pass(floor, floor.body):
         return
-    low, high = 0.0, radius
+    low, high = 0.0, floor.body
     while high - low > 1e-4:
         middle = (low + high) / 2
-        low, high = (middle, high) if _can_vehicles_pass(job, middle) else (low, middle)
+        low, high = (middle, high) if _can_vehicles_pass(floor, middle) else (low, middle)
     yield (
         "area.outline_mm",
         f"between root and seam vehicles pass ways {2e3 * high:.0f} mm wide at most, and need "
-        f"{2e3 * radius:.0f} mm: two radii, and limits.vehicle_clearance_mm on either side",
+        f"{2e3 * floor.body:.0f} mm: two radii, and limits.vehicle_clearance_mm on either side",
     )
 
 
-def _can_vehicles_pass(job: TowJob, radius: float) -> bool:
+def _can_vehicles_pass(floor: TowFloor, radius: float) -> bool:
     """Whether bodies of a radius fit one after the other from the root to all of the seam."""
-    places = shapely.get_parts(_free_floor(job, _fixed_solids(job)).buffer(-radius))
-    pieces = job.cable.link * np.diff(job.held_links, prepend=-1)
-    if len(pieces) < 2 or not len(places):
+    places = shapely.get_parts(_free_floor(floor, _fixed_solids(floor)).buffer(-radius))
+    if len(floor.pieces) < 2 or not len(places):
         return bool(len(places))
-    longest = pieces[1:-1].max(initial=0.0)
+    longest = floor.pieces[1:-1].max(initial=0.0)
     _, groups = connected_components(shapely.distance(places[:, None], places) <= longest)
-    beside_root = shapely.distance(places, shapely.Point(job.root.position)) <= pieces[0]
+    beside_root = shapely.distance(places, shapely.Point(floor.root.position)) <= floor.pieces[0]
     reached = places[np.isin(groups, groups[beside_root])]
-    seam = Seam(job.seam)
+    seam = Seam(floor.seam)
     samples = np.linspace(0, seam.length, 1 + int(seam.length / SEAM_SAMPLE_STEP))
     points = shapely.points([seam.path.point_at(s) for s in samples])
-    is_beside = shapely.distance(reached[:, None], points) <= pieces[-1]
+    is_beside = shapely.distance(reached[:, None], points) <= floor.pieces[-1]
     return bool(is_beside.any(axis=0).all())
 
 
-def _crossing_contradictions(ring: Sequence[Point], key: str) -> Iterator[tuple[str, str]]:
+def _crossing_contradictions(ring: Sequence[tables.Point], key: str) -> Iterator[tuple[str, str]]:
     """Yield where a polygon crosses or touches itself."""
     polygon = shapely.Polygon(ring)
     why = shapely.is_valid_reason(polygon)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import nan
+from collections.abc import Iterator, Sequence
+from math import isfinite, nan
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from tjscan.core.manifest import check_files_unaltered
 from tjscan.crawler.joint_sections import PLACES_ACROSS, section_histories
-from tjscan.crawler.journal import CRAWL_RECORDING, WARNING_EVENT
+from tjscan.crawler.journal import CRAWL_RECORDING, WARNING_EVENT, CrawlCycle
 from tjscan.crawler.pass_record import root_mean_square
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipStateIndex
@@ -75,6 +75,11 @@ def _crawl_findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
     if missing := len(job.passes) - len(found.passes):
         yield f"{missing} of {len(job.passes)} passes are not welded."
     for one in found.passes:
+        if one.jog:
+            yield (
+                f"In pass {one.number} the torch was jogged by up to {1e3 * one.jog:+.2f} mm: "
+                "if it was beside the joint before, register it (tjscan crawl register)."
+            )
         if not one.is_whole(job.weld.length):
             yield (
                 f"Pass {one.number} is not whole: {1e3 * one.length:.1f} of "
@@ -139,6 +144,7 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
         x, y = 1e3 * PLACES_ACROSS, 1e3 * height
         yield ReportChart(title, across, "over the hull / mm", x, y, line=line)
     every = max(len(found.cycles) // MOST_CHART_POINTS, 1)
+    yield from _paper_charts(job, found.cycles[::every])
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[::every]]
     known = [(time, slip) for time, slip in slips if slip is not None]
     times = np.array([time for time, _ in known])
@@ -148,3 +154,24 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
         for line, off in ESTIMATE_LINES:
             y = scale * (values + off * sigmas)
             yield ReportChart(title, "vehicle's clock / s", label, times, y, line=line)
+
+
+def _paper_charts(job: CrawlJob, cycles: Sequence[CrawlCycle]) -> Iterator[ReportChart]:
+    """What the filter of the paper estimates: heading, and how far ahead its laser is."""
+    cycles = [cycle for cycle in cycles if isfinite(cycle.laser_to_centre)]
+    if not cycles:
+        return
+    times, headings, ahead, sigmas = np.array(
+        [
+            (c.state.time, c.torch.heading, c.laser_to_centre, c.laser_to_centre_sigma)
+            for c in cycles
+        ]
+    ).T
+    clock, true = "vehicle's clock / s", job.vehicle.laser_to_torch - job.vehicle.centre_to_torch
+    yield ReportChart(
+        "heading by the paper's filter", clock, "heading / mrad", times, 1e3 * headings
+    )
+    title, label = "laser ahead of the centre of rotation, by the paper's filter", "ahead / mm"
+    lines = [(line, ahead + off * sigmas) for line, off in ESTIMATE_LINES]
+    for line, values in (*lines, ("as the job states", np.full(len(times), true))):
+        yield ReportChart(title, clock, label, times, 1e3 * values, line=line)

@@ -34,6 +34,7 @@ PASS_COLUMNS: Final[dict[str, Callable[[PassRecord], object]]] = {
     "torch_off_rms_mm": lambda one: _mm_if_known(root_mean_square(one.torch_off)),
     "torch_off_max_mm": lambda one: _mm_if_known(one.torch_off_max),
     "torch_sigma_rms_mm": lambda one: _mm_if_known(root_mean_square(one.torch_sigma)),
+    "torch_jog_mm": lambda one: f"{1e3 * one.jog:.2f}",
     "true_deviation_rms_mm": lambda one: _mm_if_known(root_mean_square(one.true_deviation)),
     "offset_error_rms_mm": lambda one: _mm_if_known(root_mean_square(one.offset_error)),
     "profiles_read_percent": lambda one: f"{100 * one.read_share:.1f}",
@@ -171,6 +172,7 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
                 "torch_off_rms_mm": _rounded_mm(root_mean_square(one.torch_off)),
                 "torch_off_max_mm": _rounded_mm(one.torch_off_max),
                 "torch_sigma_rms_mm": _rounded_mm(root_mean_square(one.torch_sigma)),
+                "torch_jog_mm": round(1e3 * one.jog, 2),
                 "stops": one.stops,
             }
             for one in recorded.passes

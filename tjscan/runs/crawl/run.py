@@ -35,7 +35,7 @@ from tjscan.crawler.journal import (
     is_by_hand,
     read_crawl_messages,
 )
-from tjscan.crawler.method import FollowingMethod
+from tjscan.crawler.method import FollowingMethod, OffsetEstimate
 from tjscan.crawler.paper_joint import PaperJointReader
 from tjscan.crawler.paper_method import PaperMethod
 from tjscan.crawler.pass_record import PASS_END
@@ -48,8 +48,9 @@ from tjscan.crawler.slip_calibration import (
     write_slip_calibration,
 )
 from tjscan.crawler.slip_estimator import SlipEstimate, SlipStateIndex
+from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchJog
 from tjscan.crawler.torch_trace import TRACED_PHASES, TorchTracer
-from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
+from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, SimulatedWeld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.journal import LOG_TOPIC, REPLAY_EVENT, Journal, RecordingWriter, RunEvent
@@ -88,6 +89,9 @@ SHUTTLE_LENGTH: Final = 0.8
 
 SHUTTLE_COUNT: Final = 3
 
+SEEN_OFFSET: Final = 0.1e-3
+"""Metres beside a joint that a person sees of a wire."""
+
 
 class AutomaticWeldOperator:
     """A `WeldOperator` of a simulation: everything is always ready."""
@@ -95,6 +99,30 @@ class AutomaticWeldOperator:
     def confirm_weld(self, number: int) -> bool:
         """Confirm at once."""
         return True
+
+    def confirm_torch(self) -> bool:
+        """Confirm at once."""
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class SeeingWeldOperator(AutomaticWeldOperator):
+    """A `WeldOperator` of a simulation, who sees its torch, and jogs it over the joint.
+
+    Parameters
+    ----------
+    world : SimulatedWeld
+    jog : TorchJog
+    """
+
+    world: SimulatedWeld
+    jog: TorchJog
+
+    def confirm_torch(self) -> bool:
+        """Jog the torch by what it is off; confirm once that is as little as is seen."""
+        _, off = self.world.torch_beside_joint()
+        self.jog.move(-off)
+        return abs(off) < SEEN_OFFSET
 
 
 @dataclass(frozen=True)
@@ -107,10 +135,13 @@ class CrawlContext(JobContext[CrawlJob]):
         Confirms each pass.
     hand : HandDrive, optional
         Drives by hand before the crawl begins; none by default.
+    jog : TorchJog
+        Holds what a person adds to the torch's path; nothing by default.
     """
 
     operator: WeldOperator = field(default_factory=AutomaticWeldOperator)
     hand: HandDrive | None = None
+    jog: TorchJog = field(default_factory=lambda: TorchJog(0.0))
 
     @property
     def calibration_file(self) -> Path | None:
@@ -166,8 +197,16 @@ def make_crawler(
         Which remembers the joint already; one that has seen nothing if left out.
     """
     job = context.job
-    reader, tracks = reader or context.make_reader(), job.vehicle.tracks
-    devices = CrawlDevices(cell.vehicle, cell.laser, cell.torch, reader, cell.clock, tracks)
+    devices = CrawlDevices(
+        cell.vehicle,
+        cell.laser,
+        cell.torch,
+        reader or context.make_reader(),
+        cell.clock,
+        job.vehicle.tracks,
+        context.jog,
+        job.vehicle.laser_to_torch,
+    )
     plan = CrawlPlan(job.alignment, job.weld, job.passes)
     corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
     guards = Guards(job.guards, ProximityFilter(job.proximity), corners)
@@ -332,6 +371,7 @@ def resume_crawl(
         check_sizing(context.job)
         cell = make_crawl_cell(context.job, left)
     method, reader = context.make_method(slip), context.make_reader()
+    context.jog.move(last.jog)
     for cycle, profile in found.profiles:
         with suppress(GrooveNotFound):
             reader.read(profile, cycle.travel)
@@ -411,20 +451,62 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
         If the crawler was stopped; there is no calibration then.
     """
     with add_file_to_errors(context.job_file):
-        if context.job.method != "slip-aware":
-            raise ConfigurationError("the paper's method learns no slip", key="method")
         if context.job.calibration is not None:
             reason = "a calibration begins from nothing: leave this key out"
             raise ConfigurationError(reason, key="calibration")
-    cell, method = _prepare_crawl(context, directory)
-    record = partial(CrawlRecording, truth=cell.simulated_place)
-    with record_vehicle_run(context, directory, CRAWL_RECORDING, record) as journal, cell:
-        make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_COUNT)
+    method = _shuttle(context, directory)
     if method.slip is None:
         raise ConfigurationError("this method learns no slip", key="method")
     found = SlipCalibration.from_estimate(method.slip, context.job.vehicle.device_id)
     write_slip_calibration(directory / CALIBRATION_FILE, found, job_label_of_run(directory))
     return found
+
+
+def _shuttle(context: CrawlContext, directory: Path, *, registers: bool = False) -> FollowingMethod:
+    """Shuttle along a joint, into a new run directory, and rest until the torch is registered."""
+    with add_file_to_errors(context.job_file):
+        if context.job.method != "slip-aware":
+            raise ConfigurationError("the paper's method learns no slip", key="method")
+    cell, method = _prepare_crawl(context, directory)
+    if cell.world is not None and isinstance(cell.world.torch, SimulatedTorchAxes):
+        context = replace(context, operator=SeeingWeldOperator(cell.world, context.jog))
+    record = partial(CrawlRecording, truth=cell.simulated_place)
+    with record_vehicle_run(context, directory, CRAWL_RECORDING, record) as journal, cell:
+        crawler = make_crawler(context, cell, method, journal)
+        crawler.shuttle(SHUTTLE_LENGTH, SHUTTLE_COUNT)
+        if registers:
+            crawler.rest_until_registered(float(context.job.passes[0].table.height[0]))
+    return method
+
+
+def register_torch(context: CrawlContext, directory: Path) -> OffsetEstimate:
+    """Shuttle along a joint, and find how far the torch is beside the laser's zero.
+
+    A person jogs the torch over the middle of the joint. The estimate tells where the joint is
+    below the torch, so what was jogged is what was wrong.
+
+    Parameters
+    ----------
+    context : CrawlContext
+        Its job's method must be the slip-aware one.
+    directory : Path
+        To make.
+
+    Returns
+    -------
+    OffsetEstimate
+        What `torch.aside_mm` should be, and the standard deviation of that by the estimate.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job is wrong.
+    CrawlStopped, VehicleFault, LaserFault
+        If the crawler was stopped.
+    """
+    context.jog.limit = context.job.torch.reach
+    method = _shuttle(context, directory, registers=True)
+    return OffsetEstimate(context.job.torch.aside - context.jog.offset, method.torch.sigma)
 
 
 REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
@@ -525,4 +607,7 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
         is_due = cycle.slip is not None or without_slip >= CYCLES_TOGETHER
         slip = method.slip if is_due else None
         without_slip = 1 if slip is not None else without_slip + 1
-        yield from cycle_messages(entry.time, replace(cycle, torch=method.torch, slip=slip))
+        estimated = replace(cycle, torch=method.torch, slip=slip)
+        ahead, sigma = method.laser_to_centre
+        estimated = replace(estimated, laser_to_centre=ahead, laser_to_centre_sigma=sigma)
+        yield from cycle_messages(entry.time, estimated)

@@ -17,6 +17,7 @@ import numpy as np
 from tjscan.core.frames import pose, rot_z
 from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
+from tjscan.crawler.torch_axes import TorchJog
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live import step as live_step
@@ -33,6 +34,7 @@ TORCH_DEVIATION_MEASURE: Final = live_step.Measure("torch beside its path", "mm"
 VEHICLE_OFFSET_MEASURE: Final = live_step.Measure("vehicle beside the joint", "mm")
 TORCH_SIGMA_MEASURE: Final = live_step.Measure("torch known to", "mm")
 TORQUE_MEASURE: Final = live_step.Measure("largest torque", "N m")
+SPEED_MEASURE: Final = live_step.Measure("speed by the encoders", "mm/s")
 
 DRAWN_CRAWLER_HEIGHT: Final = 0.12
 """Metres, of the drawn body."""
@@ -50,6 +52,8 @@ SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 BUTTON_HOLD_LIFETIME: Final = 0.3
 """Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
 a second. It leaves the rest of a vehicle's `DEAD_MAN_TIME` to brake in."""
+JOG_STEP: Final = 0.05e-3
+"""Metres by which the torch is jogged each time the page says that a button is held: 1 mm/s."""
 LEAST_DRIVE_ORDER_INTERVAL: Final = 0.01
 """Seconds between two orders at least: a simulated vehicle waits for nothing."""
 
@@ -108,6 +112,7 @@ class CrawlShow:
                 VEHICLE_OFFSET_MEASURE,
                 TORCH_SIGMA_MEASURE,
                 TORQUE_MEASURE,
+                SPEED_MEASURE,
             ),
             "along the joint / mm",
             see_through=("vehicle",),
@@ -128,6 +133,7 @@ class CrawlShow:
             TORCH_DEVIATION_MEASURE.name: 1e3 * cycle.deviation,
             VEHICLE_OFFSET_MEASURE.name: 1e3 * torch.offset,
             TORCH_SIGMA_MEASURE.name: 1e3 * torch.sigma,
+            SPEED_MEASURE.name: 1e3 * state.odometry.speed,
         }
         if state.torques:
             values[TORQUE_MEASURE.name] = max(map(abs, state.torques))
@@ -159,6 +165,7 @@ class CrawlShow:
             "speed": f"{1e3 * cycle.state.odometry.speed:.1f} mm/s",
             "joint read": reading,
             "arc": "burns" if cycle.arc else "off",
+            "torch jogged by": f"{1e3 * cycle.jog:+.2f} mm",
             **nearest,  # not in every cycle
             "fault": cycle.state.fault,
         }
@@ -306,6 +313,7 @@ def show_crawl(
     where: PageAddress,
     report: Report,
     interrupt: Act,
+    jog: TorchJog,
     hand: PageHandDrive | None = None,
 ) -> Iterator[CrawlPageJournal]:
     """Show a crawl while the block runs; gives the journal that shows it.
@@ -320,6 +328,8 @@ def show_crawl(
         Receives the page's address, or why there is none.
     interrupt : callable
         Does what Ctrl-C does.
+    jog : TorchJog
+        Takes what is jogged on it.
     hand : PageHandDrive, optional
         Who drives by hand on it before the crawl begins.
 
@@ -330,13 +340,22 @@ def show_crawl(
     """
 
     def buttons(run: RunOnPage) -> Sequence[Button]:
-        stop = stop_button(interrupt, "the crawler")
-        return stop if hand is None else [*stop, *hand_drive_buttons(run, hand)]
+        always = [*stop_button(interrupt, "the crawler"), *jog_buttons(jog)]
+        return always if hand is None else [*always, *hand_drive_buttons(run, hand)]
 
     with show_run(CrawlShow(job, title), where, report, buttons) as run:
         if hand is not None:
             run.check_page()
         yield CrawlPageJournal(run)
+
+
+def jog_buttons(jog: TorchJog) -> Sequence[Button]:
+    """Buttons that jog the torch while they are held; none if it may not be jogged."""
+    hint = f"Jogs the torch beside its path while it is held, {1e3 * jog.limit:g} mm at most"
+    ways = {"Hold: torch left": -JOG_STEP, "Hold: torch right": JOG_STEP}
+    if not jog.limit:
+        return []
+    return [Button(word, partial(jog.move, by), hint=hint, held=True) for word, by in ways.items()]
 
 
 def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:

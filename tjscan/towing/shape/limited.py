@@ -59,6 +59,9 @@ MOST_TRIALS: Final = 5 * TRIALS_OF_A_LENGTH
 LARGEST_CLOSED_MISS: Final = 1e-4
 """Metres by which a limit is missed at most that the last step closes."""
 
+LEAST_CLOSED_MISS: Final = 1e-8
+"""Metres and radians of such a miss that are not worth a step."""
+
 LEAST_MULTIPLIER: Final = 1e-6
 """Of a row that holds the shape: the objective's change by its metres."""
 
@@ -348,10 +351,11 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
     pressed = rows[holds].copy()
     near = rows[(np.abs(rows["margin"]) < LARGEST_CLOSED_MISS) & (rows["disc"] < 0)]
     changes = np.append(-now.state.constraint, -np.minimum(near["margin"], 0.0))
-    closed = now.angles + np.linalg.lstsq(_held_gradients(limits, now, near), changes)[0]
-    after.move_to(closed, band)
-    if after.merit(fix) <= now.merit(fix) + LARGEST_CLOSED_MISS:
-        now = after
+    if np.abs(changes).max() > LEAST_CLOSED_MISS:
+        closed = now.angles + np.linalg.lstsq(_held_gradients(limits, now, near), changes)[0]
+        after.move_to(closed, band)
+        if after.merit(fix) <= now.merit(fix) + LARGEST_CLOSED_MISS:
+            now = after
     return LimitedShape(now.angles, iteration, pressed)
 
 

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from math import cos, degrees, hypot, pi, sin
+from itertools import pairwise
+from math import cos, degrees, hypot, inf, pi, sin
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -546,17 +547,14 @@ class LimitedProblem:
         A piece of length L that is dragged sideways hangs on its ends like a rope, by friction q a
         metre: sagging by s it pulls with q L² / 8 s, and its chord is 8 s² / 3 L shorter.
         """
-        problem, held = self.problem, np.array(self.team.held_links)
-        cable, drives = problem.cable, np.isin(held, problem.paced)
-        lengths = cable.link_length * np.diff(held, prepend=-1)
-        sag = (
-            cable.friction
-            / cable.link_length
-            * lengths**2
-            / (8 * DRAGGED_PULL_SHARE * self.team.force)
-        )
-        longest = np.asarray(lengths - 8 / 3 * sag**2 / lengths)
-        return np.where(drives | np.append(False, drives[:-1]), longest, np.inf)
+        cable, most = self.problem.cable, DRAGGED_PULL_SHARE * self.team.force
+        drives, longest = set(self.problem.paced.tolist()), []
+        for before, link in pairwise((-1, *self.team.held_links)):
+            length = cable.link_length * (link - before)
+            sag = cable.friction / cable.link_length * length**2 / (8 * most)
+            is_drawn = bool(drives & {before, link})
+            longest.append(length - 8 / 3 * sag**2 / length if is_drawn else inf)
+        return np.array(longest)
 
     def rows(self, angles: Array, band: float = 0.0, links: Array | None = None) -> LimitRows:
         """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`; of links as given, if so."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -33,7 +33,6 @@ from tjscan.towing.shape.plan import (
     PlanInputs,
     PlannerSettings,
     PlanTerms,
-    PoseAccuracy,
     TowingPlan,
 )
 from tjscan.towing.shape.problem import ShapeProblem, minimise_objective
@@ -51,26 +50,24 @@ LEAST_RETREAT: Final = 1e-4
 LONGEST_LINK_STEP: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
 
-LARGEST_ESTIMATE_OVERLAP: Final = 0.01
+LARGEST_OVERLAP: Final = 0.01
 """Metres by which the estimated cable may be nearer to a body, or to itself, than a plan may bring
-it: between vehicles the floor holds it back from where it is planned."""
+it, and a body to a wall: the floor holds the cable back, and vehicles go too far."""
 
-CABLE_LIMITS: Final = (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK)
-"""Limits that the cable may break between vehicles that keep to their plan."""
-
-NEAR_LIMIT: Final = 0.7
+NEAR_BEND_LIMIT: Final = 0.7
 """Share of the joints' limit from which on it is found how well the angles are known."""
 
 MOST_PROGRAMS: Final = 12
 """Quadratic programs of a plan; three are usual from the last plan's shape. What has not ended then
 goes to and fro beside an obstacle that comes too quickly."""
 
-LEAST_BEND_GROWTH: Final = 1e-4
-"""Radians by which a joint must bend further until it is held: less is no way."""
+LEAST_GROWTH: Final = 1e-4
+"""Metres and radians by which a limit must be broken further until vehicles are held: less is no
+way."""
 
-NEAR_DISC: Final = 0.05
-"""Metres of clearance to spare below which a link of the estimated cable is near to a disc: some
-periods of a vehicle's way."""
+NEAR_LIMIT: Final = 0.05
+"""Metres to spare below which the estimated cable is near to a limit: some periods of a vehicle's
+way."""
 
 LED_STEPS: Final = 5
 """In which it is found how the floor bends the cable on the way to a plan: what slides first
@@ -122,76 +119,88 @@ class TowingPlanner:
         self.settings = settings or PlannerSettings()
         self._held = np.array(team.held_links, dtype=np.int64)
         self._floor = Obstacles.of_area(area)
+        self._bend_limit = max(self.settings.bend_limit, cable.joint_limit)
 
     def plan(self, inputs: PlanInputs) -> TowingPlan:
         """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`.
 
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
-        planned to, or a link come nearer to an obstacle. Then the vehicle on one side of it
-        stays where it was sent, or on both, or all but one, or all, and the welder waits.
+        planned to, or a link come nearer to something. Then the vehicle on one side of it stays
+        where it was sent, or on both, or all but one, or all, and the welder waits.
 
         Raises
         ------
         ValueError
             A pose of the welder or a period that is no number.
         """
-        plan = self._plan_shape(inputs)
-        astray = self._led_astray(plan, inputs)
-        if astray is None:
+        limits, now, plan = self._plan_shape(inputs)
+        last = inputs.last
+        if plan.halt or last is None or (astray := self._led_astray(limits, now, plan)) is None:
             return plan
-        link, words = astray
+        row, words = astray
         words = f"{plan.retreat}; {words}" if plan.retreat else words
-        piece, sent = int(np.searchsorted(self._held, link)), inputs.last
-        if sent is None:
-            return plan
-        # What moves: all but those beside it, or one vehicle alone; else none.
-        towing = np.arange(len(self._held))
-        beside = [towing != piece, towing != piece - 1, (towing != piece) & (towing != piece - 1)]
-        for moves in (*beside, *(towing == v for v in towing[:-1])):
-            poses = np.where(moves[:, None], plan.held_poses, sent.held_poses)
+        towing, piece = np.arange(len(self._held)), int(np.searchsorted(self._held, row["link"]))
+        after, before, sent = towing == piece, towing == piece - 1, last.held_poses
+        for moves in (~after, ~before, ~(after | before), *(towing == v for v in towing[:-1])):
+            poses = np.where(moves[:, None], plan.held_poses, sent)
             tried = replace(plan, held_poses=poses, retreat=words)
-            if not self._led_astray(tried, inputs):
+            if not self._led_astray(limits, now, tried):
                 return tried
-        links, poses = sent.link_poses, sent.held_poses
-        return replace(plan, angles=sent.angles, link_poses=links, held_poses=poses, retreat=words)
+        links, angles = last.link_poses, last.angles
+        return replace(plan, angles=angles, link_poses=links, held_poses=sent, retreat=words)
 
-    def _led_astray(self, plan: TowingPlan, inputs: PlanInputs) -> tuple[int, str] | None:
-        """A link or joint that comes too near to a disc, or bends too far, on the way to a plan.
+    def _led_astray(
+        self, limits: LimitedProblem, now: CableEstimate, plan: TowingPlan
+    ) -> tuple[np.void, str] | None:
+        """What breaks a limit on the way to a plan, by more than now: a row of limits, and words.
 
-        And nearer, or further, than now. The way is that of the cable as it is estimated, as far as
-        the floor lets the vehicles draw it. Returns its number, and words.
+        The way is that of the cable as it is estimated, as far as the floor lets the vehicles draw
+        it.
         """
-        if plan.halt or inputs.last is None or plan.rest is None:
+        links, bent = self.cable.poses(now.angles), now.angles
+        near = self._heeded_rows(limits, plan, bent, links, NEAR_LIMIT)
+        if not len(near):
             return None
-        limits, now = self.limited_problem(plan.estimate, inputs), np.abs(plan.estimate)
-        near = _rows_beside_discs(limits, plan.estimate, NEAR_DISC)
-        if plan.deviations is None and not (near["disc"] >= 0).any():
-            return None
-        led, held, trust = CableEstimate(plan.estimate, plan.rest), self._held, self.settings.trust
-        begin, bends = self.cable.poses(plan.estimate)[held], np.zeros(len(now))
+        led, held, trust = now, self._held, self.settings.trust
         for share in np.linspace(0, 1 + OVERSHOOT_SHARE, 1 + LED_STEPS)[1:]:
-            poses = begin + share * (plan.held_poses - begin)
+            poses = links[held] + share * (plan.held_poses - links[held])
             led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
-            bends = np.maximum(bends, np.abs(led.angles))
-        rows = _rows_beside_discs(limits, led.angles, 0.0)
-        if worst_margin(rows) < worst_margin(near) - LEAST_RETREAT:
-            row = rows[rows["margin"].argmin()]
-            words = limits.describe(row, BROKEN_LIMIT_TEXTS)
-            return int(row["link"]), f"the floor holds the cable back: {words}"
-        doubt = BEND_DEVIATIONS * (np.zeros(1) if plan.deviations is None else plan.deviations)
-        limit = max(self.settings.bend_limit, self.cable.joint_limit)
-        worst = np.where(bends > now + LEAST_BEND_GROWTH, bends + doubt, 0.0)
-        joint = int(np.argmax(worst))
-        if worst[joint] < limit:
+            bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
+        rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
+        begun = _worst_margins(near, _apart_or_bent)
+        least = [begun.get(_apart_or_bent(row), 0.0) for row in rows]
+        rows = rows[rows["margin"] < np.array(least) - LEAST_GROWTH]
+        if not len(rows):
             return None
-        bent = f"{np.degrees(bends[joint]):.1f}° ± {np.degrees(worst - bends)[joint]:.1f}°"
-        return joint, (
-            f"the floor holds the cable back: joint {joint} would be bent by {bent}, and its limit "
-            f"is {np.degrees(limit):.1f}°"
-        )
+        row = rows[rows["margin"].argmin()]
+        words, joint = limits.describe(row, BROKEN_LIMIT_TEXTS), int(row["link"])
+        if row["kind"] == LimitKind.JOINT and plan.deviations is not None:
+            doubt = BEND_DEVIATIONS * plan.deviations[joint]
+            bend = f"{np.degrees(abs(bent[joint])):.1f}° ± {np.degrees(doubt):.1f}°"
+            limit = f"{np.degrees(self._bend_limit):.1f}°"
+            words = f"joint {joint} would be bent by {bend}, and its limit is {limit}"
+        return row, f"the floor holds the cable back: {words}"
 
-    def _plan_shape(self, inputs: PlanInputs) -> TowingPlan:
-        """The best shape, as if the floor did not hold the cable back."""
+    def _heeded_rows(
+        self, limits: LimitedProblem, plan: TowingPlan, angles: Array, links: Array, band: float
+    ) -> LimitRows:
+        """Rows of limits that are kept as the floor lets the cable go, with a margin below a band.
+
+        A joint's margin is less by its doubt. Walls hold vehicles off alone: links lie along them.
+        """
+        rows = limits.rows(angles, band + LARGEST_OVERLAP, links)
+        kind, disc, joint = rows["kind"], rows["disc"] >= 0, rows["kind"] == LimitKind.JOINT
+        doubts = np.zeros(len(angles)) if plan.deviations is None else plan.deviations
+        reserve = self._bend_limit - self.cable.joint_limit - BEND_DEVIATIONS * doubts[rows["link"]]
+        overlap = np.where(disc | (kind == LimitKind.BODY_TO_BODY), 0.0, LARGEST_OVERLAP)
+        rows["margin"] += np.where(joint, reserve, overlap)
+        heeded = disc | ((kind > LimitKind.LINK_TO_OBSTACLE) & (kind < LimitKind.SPEED))
+        heeded |= joint & (plan.deviations is not None)
+        found: LimitRows = rows[heeded & (rows["margin"] < band)]
+        return found
+
+    def _plan_shape(self, inputs: PlanInputs) -> tuple[LimitedProblem, CableEstimate, TowingPlan]:
+        """The problem, the estimate, and the best shape, as if the floor did not hold it back."""
         poses, welder_pose, period = inputs.poses, inputs.welder_pose, inputs.period
         if not (np.isfinite(welder_pose).all() and np.isfinite(period) and period > 0):
             raise ValueError(f"no plan for a welder at {welder_pose} in {period} s")
@@ -209,26 +218,21 @@ class TowingPlanner:
                 pull = pull.moved((welder_pose - poses[-1])[:2])
                 limits = replace(limits, problem=replace(limits.problem, pull=pull))
         shape, pressed, iterations = self._search_shape(limits, now.angles, last)
-        halt = shape.objection(now, pressed, settings.trust)
+        halt = shape.objection(pressed)
         if halt and last is not None:
             # The floor may hold the cable on the other side of an obstacle than it was planned.
             shape, pressed, more = self._search_shape(limits, now.angles, None)
-            halt, iterations = shape.objection(now, pressed, settings.trust), iterations + more
+            halt, iterations = shape.objection(pressed), iterations + more
         retreat = "" if halt or shape.is_feasible else shape.broken_limit(pressed)
         known = (self.cable, held, now, poses, settings.trust)
         forces, tension = (None, None) if last is None else cable_forces(*known)
-        near = last is not None and np.abs(now.angles).max() > NEAR_LIMIT * self.cable.joint_limit
-        deviations = angle_deviations(*known, inputs.sigmas) if near else None
-        return shape.plan(
-            iterations=iterations,
-            halt=halt,
-            retreat=retreat,
-            limits=pressed,
-            rest=now.rest,
-            deviations=deviations,
-            forces=forces,
-            tension=tension,
+        near = (
+            last is not None and np.abs(now.angles).max() > NEAR_BEND_LIMIT * self.cable.joint_limit
         )
+        deviations = angle_deviations(*known, inputs.sigmas) if near else None
+        found: dict[str, Any] = {"halt": halt, "retreat": retreat, "limits": pressed}
+        found |= {"rest": now.rest, "deviations": deviations, "forces": forces, "tension": tension}
+        return limits, now, shape.plan(iterations=iterations, **found)
 
     def _search_shape(
         self, limits: LimitedProblem, estimate: Array, last: TowingPlan | None
@@ -294,12 +298,25 @@ class TowingPlanner:
         return LimitedProblem(problem, self.team, s.limits, tuple(d.name for d in inputs.obstacles))
 
 
-def _rows_beside_discs(limits: LimitedProblem, angles: Array, band: float) -> LimitRows:
-    """Rows of links and bodies with a margin to a disc, or of two bodies, below a band, metres."""
-    rows = limits.rows(angles, band)
-    beside = (rows["disc"] >= 0) | (rows["kind"] == LimitKind.BODY_TO_BODY)
-    found: LimitRows = rows[(rows["kind"] < LimitKind.SPEED) & beside]
-    return found
+def _what(row: np.void) -> tuple[int, int]:
+    """What a row of limits holds apart: its kind, and the obstacle."""
+    return int(row["kind"]), int(row["disc"])
+
+
+def _apart_or_bent(row: np.void) -> tuple[int, int]:
+    """What may make up for a row of limits: discs for each other, all else, but no other joint."""
+    kind, is_disc = int(row["kind"]), row["disc"] >= 0 or row["kind"] == LimitKind.BODY_TO_BODY
+    return (kind, int(row["link"])) if kind == LimitKind.JOINT else (-1, int(is_disc))
+
+
+def _worst_margins(
+    rows: LimitRows, group: Callable[[np.void], tuple[int, int]] = _what
+) -> dict[tuple[int, int], float]:
+    """Least margin of each group of rows; 0 if it keeps its limits."""
+    worst: dict[tuple[int, int], float] = {}
+    for row in rows:
+        worst[group(row)] = min(worst.get(group(row), 0.0), float(row["margin"]))
+    return worst
 
 
 def optimise_without_limits(problem: ShapeProblem, start: Array | None = None) -> tuple[Array, int]:
@@ -330,61 +347,44 @@ class CheckedShape:
         """Whether it has the poses it must have and keeps every limit."""
         return self.off < POSE_TOLERANCE and self.margin > LEAST_KEPT_MARGIN
 
-    def objection(
-        self, now: CableEstimate, pressed: Sequence[str] = (), trust: PoseAccuracy | None = None
-    ) -> str:
+    def objection(self, pressed: Sequence[str] = ()) -> str:
         """Why it may not be sent to vehicles whose cable is as estimated, or nothing.
 
         Parameters
         ----------
-        now : CableEstimate
         pressed : sequence of str, optional
             Limits that hold the shape where it is.
-        trust : PoseAccuracy, optional
-            As of `estimate_shape`.
         """
-        here = self._rows_of_places(now.angles)
-        if not self.is_feasible and not self._leads_away_from_discs(here):
+        begins = self.problem.cable.poses(self.problem.estimate)
+        if not self.is_feasible and not self._leads_away_from_discs(begins):
             return self.broken_limit(pressed)
-        cable, held = self.problem.cable, list(self.limits.team.held_links)
-        begins, ends = cable.poses(now.angles), cable.poses(self.angles)
-        near = here[np.isin(here["kind"], CABLE_LIMITS)]
-        if (gap := worst_margin(near)) < -LARGEST_ESTIMATE_OVERLAP:
-            led = estimate_shape(cable, held, ends[held], last=now, trust=trust)
-            near = self._rows_of_places(led.angles)
-            near = near[np.isin(near["kind"], CABLE_LIMITS)]
-            if worst_margin(near) < gap - LEAST_RETREAT:
-                return f"with the estimated cable, {self._worst_row(near)}"
-        way = ends - begins
+        way = self._state.links[:, :3] - begins
         steps = int(np.ceil(np.hypot(way[:, 0], way[:, 1]).max() / LONGEST_LINK_STEP))
-        entered = {
-            (kind, disc): worst_margin(here[(here["kind"] == kind) & (here["disc"] == disc)])
-            for kind, disc in set(here[["kind", "disc"]].tolist())
-        }
         for k in range(1, steps):
-            between = self._rows_of_places(now.angles, begins + k / steps * way)
-            allowed = [entered.get(key, 0.0) for key in between[["kind", "disc"]].tolist()]
-            broken = between[between["margin"] < np.minimum(allowed, -LONGEST_LINK_STEP)]
+            between = self._rows_of_places(begins + k / steps * way, -LONGEST_LINK_STEP)
+            entered = _worst_margins(self._rows_of_places(begins)) if len(between) else {}
+            allowed = [entered.get(_what(row), 0.0) for row in between]
+            broken = between[between["margin"] < allowed]
             if len(broken):
                 return f"on the way there, {self._worst_row(broken)}"
         return ""
 
-    def _rows_of_places(self, angles: Array, links: Array | None = None) -> LimitRows:
+    def _rows_of_places(self, links: Array, band: float = 0.0) -> LimitRows:
         """Rows of limits that a shape breaks by where it is, not by bends or ways of vehicles."""
-        rows = self.limits.rows(angles, links=links)
+        rows = self.limits.rows(self.angles, band, links)
         placed: LimitRows = rows[rows["kind"] < LimitKind.SPEED]
         return placed
 
-    def _leads_away_from_discs(self, here: LimitRows) -> bool:
+    def _leads_away_from_discs(self, begins: Array) -> bool:
         """Whether it breaks only clearances of discs, and less than where the cable is.
 
         What comes may be quicker than vehicles can drive.
         """
-        discs, here_discs = self.rows["disc"] >= 0, here[here["disc"] >= 0]
+        discs, here = self.rows["disc"] >= 0, self._rows_of_places(begins)
         return (
             self.off < POSE_TOLERANCE
             and worst_margin(self.rows[~discs]) > LEAST_KEPT_MARGIN
-            and self.margin > worst_margin(here_discs) + LEAST_RETREAT
+            and self.margin > worst_margin(here[here["disc"] >= 0]) + LEAST_RETREAT
         )
 
     def broken_limit(self, pressed: Sequence[str] = ()) -> str:
@@ -403,6 +403,6 @@ class CheckedShape:
 
     def plan(self, **more: Any) -> TowingPlan:
         """The plan of this shape, with what else a `TowingPlan` states."""
-        poses, terms = self.problem.cable.poses(self.angles), PlanTerms(*self._state.terms.tolist())
+        poses, terms = self._state.links[:, :3].copy(), PlanTerms(*self._state.terms.tolist())
         held_poses, estimate = poses[list(self.limits.team.held_links)], self.problem.estimate
         return TowingPlan(estimate, self.angles, poses, held_poses, terms, self.off, **more)
