@@ -23,6 +23,15 @@ def test_the_papers_job_is_read_in_metres_and_written_as_it_stood() -> None:
     assert validate_table(TowJob, table_to_dict(job)) == job
 
 
+def test_fifty_vehicles_may_tow_two_hundred_metres() -> None:
+    cable = {"length_mm": 200_000, "link_mm": 200, "least_radius_mm": 266}
+    hall = {"outline_mm": [[0, -90_000], [90_000, -90_000], [90_000, 90_000], [0, 90_000]]}
+    job = make_job(cable=cable, vehicles={"count": 50}, area=hall)
+    assert (job.chain.links, len(job.held_links)) == (1000, 50)
+    with pytest.raises(ConfigurationError, match="length_mm"):
+        make_job(cable={**cable, "length_mm": 200_200}, vehicles={"count": 50}, area=hall)
+
+
 def test_the_piece_behind_the_welder_may_be_shorter_than_the_others() -> None:
     job = make_job(vehicles={"behind_welder_mm": 600})
     assert job.held_links == (10, 21, 31, 42, 53, 59)

@@ -1,5 +1,6 @@
 """A groove is bounded by the leg's cylinder; of a plate, or of what is no tube, by a line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,21 +9,23 @@ from plates import half_v
 from ringed_grooves import corners_along_arc, edges_of
 
 from tjscan.core.frames import Array
+from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.leg import bound_groove_by_leg, find_leg_cylinder
 from tjscan.planning.path import cut_groove_stations, map_template_onto
+from tjscan.planning.template import planar_cross
 
 JOINT = read_joint(Path(__file__).parents[2] / "cad" / "tjoint-600x457.toml")
 ROUND = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
 
 
-def measured(phi: Array) -> GrooveEdges:
+def measured(phi: Array, joint: JointDefinition = JOINT) -> GrooveEdges:
     """Edges as a scan has them: g is where the wall and the leg's tangent at p4 meet."""
-    found = JointGrooveSections(JOINT, phi)
-    slope = JOINT.leg_surface.slope(phi, found.p4[:, 0])
+    found = JointGrooveSections(joint, phi)
+    slope = joint.leg_surface.slope(phi, found.p4[:, 0])
     rho = found.p2[:, 0]
     g = np.column_stack((rho, found.p4[:, 1] + slope * (rho - found.p4[:, 0])))
     corners = (found.p3, found.p4, g, found.p2)
@@ -62,6 +65,35 @@ def test_at_the_saddle_the_area_is_that_over_the_circle() -> None:
     for azimuth in (0.5 * np.pi, 1.5 * np.pi):
         assert area_at(tangent, azimuth) / saddle_area() - 1 < -0.03
         assert area_at(bounded, azimuth) == pytest.approx(saddle_area(), rel=1e-3)
+
+
+def test_all_round_a_y_joint_the_area_is_that_between_its_surfaces() -> None:
+    """The reference counts points of the plane that lie between bevel, wall, root and leg."""
+    joint = replace(JOINT, leg_radius=1.2 * JOINT.brace_radius, angle=np.radians(70.0))
+    edges = bound_groove_by_leg(measured(ROUND, joint))
+    stations = cut_groove_stations(edges, np.linspace(0.0, edges.length, 5)[:-1] + 7e-3)
+    step = 0.3e-3
+    at = np.arange(-50e-3, 50e-3, step) + 0.5 * step
+    grid = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+    found = np.array([points_between_surfaces(joint, p) for p in stations.points_to_space(
+        np.broadcast_to(grid, (len(stations.s), *grid.shape))
+    )]) * step**2  # fmt: skip
+    areas = map_template_onto(stations, 0.0).area
+    assert areas == pytest.approx(found, rel=3e-3)
+
+
+def points_between_surfaces(joint: JointDefinition, points: Array) -> int:
+    """How many points, shape (k, 3), are in the groove as it was designed."""
+    rho, phi, z = np.hypot(*points[:, :2].T), np.arctan2(points[:, 1], points[:, 0]), points[:, 2]
+    found = JointGrooveSections(joint, phi)
+
+    def beyond(a: Array, b: Array) -> Array:
+        """On the left of the line from a to b in the radial plane."""
+        return planar_cross(b - a, np.column_stack((rho, z)) - a)
+
+    above_leg = np.linalg.norm(np.cross(points, joint.leg_surface.axis), axis=1) > joint.leg_radius
+    bevel, root = beyond(found.p3, found.p2), beyond(found.p4, found.p3)
+    return int(np.sum(above_leg & (rho < found.p2[:, 0]) & (bevel < 0) & (root < 0)))
 
 
 def test_at_the_crown_where_the_leg_is_straight_nothing_changes() -> None:

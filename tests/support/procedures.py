@@ -5,13 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
-WPS_TEXT = (
-    EXAMPLE.read_text(encoding="utf-8")
-    .split("[[detail]]")[0]
-    .replace("crater_feed = 0.8", "crater_feed = 1.0")
-)
-"""Without a table of details, for which the tubes are fitted to the cloud, and with one wire feed
-along a bead: a program sets none."""
+WPS_TEXT = EXAMPLE.read_text(encoding="utf-8").split("[[detail]]")[0]
+"""Without a table of details, for which the tubes are fitted to the cloud."""
 
 
 def wps_beside(run: Path) -> Path:

@@ -492,8 +492,8 @@ class ContradictionWatch:
             "slip",
             f"the vehicle turns farther to the {'right' if right else 'left'} than its tracks "
             f"show, {1e3 * abs(off):.2f} mm at the laser: the {slipping} track slips, or the "
-            f"encoder of the {other} one is wrong, or the laser is late. Look at pads, steel, "
-            "encoders and laser",
+            f"encoder of the {other} one is wrong, the joint bends, or the laser is late. Look at "
+            "pads, steel, encoders, joint and laser",
         )
 
 

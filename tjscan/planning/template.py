@@ -20,7 +20,8 @@ BISECTION_STEPS: Final = 60
 """For a line of the last layer: more steps change no bit of it."""
 
 
-def _cross_product(a: Array, b: Array) -> Array:
+def planar_cross(a: Array, b: Array) -> Array:
+    """Cross product of vectors of a plane, shape (..., 2): twice the triangle's area."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
@@ -48,7 +49,7 @@ class SectionTemplate:
         self.corners, self.cap_height = readonly_copy(corners), cap_height
         p3, p4, g, p2 = np.moveaxis(self.corners, 1, 0)
         self._edges = E, F, H = p4 - p3, p2 - p3, g - p4 - p2 + p3
-        self.jacobian = _cross_product(E, F), _cross_product(E, H), _cross_product(H, F)
+        self.jacobian = planar_cross(E, F), planar_cross(E, H), planar_cross(H, F)
         self.opening: Array = np.linalg.norm(g - p2, axis=1)
         self.root_area: Array = np.broadcast_to(root_area, len(self.corners))
 

@@ -54,7 +54,7 @@ class ArcLimits(SettingsTable):
     ignition: Seconds = 1.2
     stabilisation: Seconds = 0.5
     motion: Seconds = 0.3
-    stall: Seconds = 0.1
+    stall: Seconds = 0.09
     stall_share: Annotated[float, Gt(0), Le(90), PERCENT_UNIT] = 0.4
     crater: Seconds = 0.5
     extinction: Seconds = 0.3

@@ -87,6 +87,9 @@ that drives elsewhere: it is at a standstill."""
 RESTING_SHARE: Final = 0.1
 """Share of the least motion of a runaway in that time."""
 
+LEAST_TURNING_SHARE: Final = 0.1
+"""Share of the commanded way below which wheels do not turn: what is moved then is dragged."""
+
 DRIVE_LAG: Final = 0.3
 """Seconds by which drives may be behind their commands."""
 
@@ -369,8 +372,9 @@ class StandstillWatch:
             way = told[:2]
             if targets is not None and hypot(*(poses[v] - targets[v])[:2]) < AT_TARGET_DISTANCE:
                 way = np.zeros(2)
+            turns = hypot(*driven[:2]) > LEAST_TURNING_SHARE * hypot(*told[:2])
             moved = describe_unexplained_way(estimate.estimates[v])[0] == "moved"
-            if moved:  # what else moves it shows nothing of its drives
+            if moved and turns:  # what else moves it shows nothing of its drives
                 check = self._checks[v] = StandstillCheck()
             if astray:
                 runaways.append(v)

@@ -50,7 +50,7 @@ class CableSettings(SettingsTable):
         Coefficient between cable and floor.
     """
 
-    length: Annotated[float, Gt(0), Le(FARTHEST_DISTANCE_MM), MM] = 6.0
+    length: Annotated[float, Gt(0), Le(2 * FARTHEST_DISTANCE_MM), MM] = 6.0
     link: Annotated[float, Gt(0), Le(5000), MM] = 0.1
     stiffness: Annotated[float, Gt(0), Le(1e4), NEWTON_METRE_PER_RADIAN] = 1.7
     damping: Annotated[float, Ge(0), Le(1e4), NEWTON_METRE_SECOND_PER_RADIAN] = 0.15
