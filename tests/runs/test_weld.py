@@ -261,7 +261,8 @@ def test_report_says_that_it_was_simulated(welded: Path) -> None:
     page = (welded / "report.html").read_text()
     assert SIMULATED_WELD_NOTE in page
     assert "no crack" in page
-    assert "The finished surface lies up to" in page
+    assert "Finished surface: up to" in page
+    assert "Wide pools" not in page
 
 
 def test_beads_on_a_horizontal_leg_are_held_and_stacked_from_it_up(welded: Path) -> None:
@@ -284,6 +285,18 @@ def test_beads_on_a_horizontal_leg_are_held_and_stacked_from_it_up(welded: Path)
     target = WeldTarget.over(planner.belief, order.cap_height)
     off = np.where(target.between, planner.belief.w - target.top, np.nan)[inner]
     assert np.sqrt(np.nanmean(off**2)) < 1.0e-3
+
+
+def test_pools_that_the_procedure_keeps_too_wide_for_the_slope_are_told(welded: Path) -> None:
+    job = welded / "job.toml"
+    context = WeldContext(read_weld_job(job), job)
+    wide = context.wps.model_copy(
+        update={
+            "bead": replace(context.wps.bead, fill_area=(38e-6, 48e-6), cap_area=(38e-6, 48e-6))
+        }
+    )
+    context.__dict__["wps"] = wide
+    assert Weld.of_scan(context, welded).order.too_wide > 1e-3
 
 
 def test_last_look_is_held_against_limits_and_complies_with_nothing(

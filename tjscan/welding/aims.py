@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import radians
 from typing import Final
 
 import numpy as np
@@ -40,8 +39,9 @@ CAP_SPREAD: Final = 1.12
 """The last layer's aims begin so much farther apart than evenly: its beads have to cover the
 toes."""
 
-STEEP_TILT: Final = radians(30.0)
-"""Of gravity in the sections; beyond, beads are stacked from the lower side up (assumption)."""
+PULL_ASIDE: Final = 0.5
+"""Share of gravity that pulls aside in the sections, that of 30°: beyond it, beads are stacked from
+the lower side up (assumption)."""
 
 TOE_MARGIN: Final = 20
 """Columns beside the toes that are looked at."""
@@ -78,9 +78,9 @@ def even_aims(state: WeldState, top: Array, target: WeldTarget, count: int, spre
     last = open_.shape[1] - 1 - open_[:, ::-1].argmax(axis=1)
     left, right = state.u[rows, first], state.u[rows, last]
     order = sorted(range(count), key=lambda j: (min(j, count - 1 - j), j))
-    tilt = float(np.median(state.tilt))
-    if abs(tilt) > STEEP_TILT:
-        order = sorted(range(count), reverse=tilt < 0)
+    aside = float(np.median(np.sin(state.tilt)))
+    if abs(aside) > PULL_ASIDE:
+        order = sorted(range(count), reverse=aside < 0)
     places = [0.5 + spread * ((j + 0.5) / count - 0.5) for j in order]
     return np.array([left + place * (right - left) for place in places])
 

@@ -81,6 +81,8 @@ class BeadOrder:
         Of the reinforcement, metres.
     open_root : bool
         Whether the first bead is laid over an open root, whose windows then hold.
+    too_wide : float
+        By how much the widest bead is wider than `BeadModel.widest_on_slope`, on average, metres.
     """
 
     counts: tuple[int, ...]
@@ -88,6 +90,7 @@ class BeadOrder:
     weaves: tuple[float, ...]
     cap_height: float
     open_root: bool = False
+    too_wide: float = 0.0
 
     def layer_of(self, bead: int) -> tuple[int, int]:
         """Layer of a bead (from 0) and how many of the layer's beads come before it."""

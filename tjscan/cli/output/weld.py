@@ -18,6 +18,7 @@ from tjscan.report.write import write_run_report
 from tjscan.runs.weld.journal import (
     HEIGHT_EVENT,
     SURFACE_EVENT,
+    WIDE_POOLS_EVENT,
     ArcMessage,
     LookMessage,
     PlannedBeadMessage,
@@ -54,6 +55,7 @@ class WeldPrinter:
                 "dry run",
                 HEIGHT_EVENT,
                 SURFACE_EVENT,
+                WIDE_POOLS_EVENT,
             ):
                 print_message(f"{message.name}: {message.detail}")
 

@@ -56,12 +56,14 @@ def order_beads(
     area = arrangement.shares * SectionTemplate(corners, wps.bead.cap_height).area.mean()
     width = model.bead_width(wps.heat_input(feeds, wps.deposition_rate(feeds) / area))
     wanted = np.repeat(WEAVE_WIDTHS, (sum(counts[:-1]), counts[-1]))
-    weaves = np.clip(widest - width, 0.0, wanted)
+    spare = widest - width
+    weaves = np.clip(spare, 0.0, wanted)
     return BeadOrder(
         counts=tuple(counts),
         feeds=tuple(feeds.tolist()),
         weaves=tuple(weaves.tolist()),
         cap_height=wps.bead.cap_height,
+        too_wide=float(max(-spare.min(), 0.0)),
     )
 
 

@@ -171,6 +171,9 @@ ARC_BEGUN_EVENT: Final = "arc begun"
 HEIGHT_EVENT: Final = "height"
 """The event of an arc whose current asked for more height than the torch may take."""
 
+WIDE_POOLS_EVENT: Final = "wide pools"
+"""The event of a weld whose smallest beads are wider than they can stand on its slope."""
+
 SURFACE_EVENT: Final = "finished surface"
 """The event of a weld whose last look shows how far it is off its target."""
 

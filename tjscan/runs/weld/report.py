@@ -10,7 +10,13 @@ import numpy as np
 from tjscan.core.manifest import check_files_unaltered
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.weld.journal import HEIGHT_EVENT, SURFACE_EVENT, WELD_RECORDING, WELD_STOP_EVENT
+from tjscan.runs.weld.journal import (
+    HEIGHT_EVENT,
+    SURFACE_EVENT,
+    WELD_RECORDING,
+    WELD_STOP_EVENT,
+    WIDE_POOLS_EVENT,
+)
 from tjscan.runs.weld.results import SIMULATED_WELD_NOTE, RecordedWeld, read_recorded_weld
 
 NOT_SEEN_NOTE = (
@@ -71,8 +77,8 @@ def _weld_findings(found: RecordedWeld) -> Iterator[str]:
     for event in found.events:
         if event.name == WELD_STOP_EVENT:
             yield f"It was stopped: {event.detail}"
-        if event.name == SURFACE_EVENT:
-            yield f"The finished surface lies {event.detail}."
+        if event.name in (SURFACE_EVENT, WIDE_POOLS_EVENT):
+            yield f"{event.name.capitalize()}: {event.detail}."
         if event.name == HEIGHT_EVENT:
             yield f"The torch's height was at its bound: {event.detail}"
 

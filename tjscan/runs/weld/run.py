@@ -41,6 +41,7 @@ from tjscan.runs.weld.journal import (
     SURFACE_EVENT,
     WELD_RECORDING,
     WELD_STOP_EVENT,
+    WIDE_POOLS_EVENT,
     ArcMessage,
     LookMessage,
     PlannedBeadMessage,
@@ -199,6 +200,11 @@ def _weld_and_record(
             for message in done:
                 weld.replay(message)
             weld.end_replay()
+            if weld.order.too_wide > 0:
+                what = (
+                    f"up to {1e3 * weld.order.too_wide:.1f} mm wider than gravity aside lets stand"
+                )
+                journal.record(RunEvent(WIDE_POOLS_EVENT, f"{what}: the WPS has no smaller beads"))
             if arc:
                 with weld.power_source() as source:
                     weld.weld_all(source, looks, journal)
@@ -368,16 +374,19 @@ class Weld:
 
     def _surface_in_words(self, planner: WeldPlanner) -> str:
         """How far the finished surface lies off its target, where the last look read it."""
+        if not self.weldable.any():
+            return "the last look did not read it"
         state = planner.belief.part(self.weldable)
         target = WeldTarget.over(state, self.order.cap_height)
         upright = np.hypot(1, target.slope)
         below = np.where(target.between, target.chord - state.w, 0.0).max(axis=1) / upright
         over = np.where(target.between, state.w - target.top, 0.0).max(axis=1) / upright
-        length = self.stations.s[-1] * np.mean(below > SAG_WORTH_SAYING)
+        step = 1e3 * float(self.stations.s[1])
         return (
             f"up to {1e3 * over.max():.1f} mm over its target, up to {1e3 * below.max():.1f} mm "
             f"below the line between its toes, and by more than {1e3 * SAG_WORTH_SAYING:g} mm on "
-            f"{1e3 * length:.0f} mm of {1e3 * self.stations.s[-1]:.0f}"
+            f"{step * (below > SAG_WORTH_SAYING).sum():.0f} mm of the {step * len(below):.0f} mm "
+            "that were read"
         )
 
     def replay(self, message: object) -> None:
