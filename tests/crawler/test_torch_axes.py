@@ -122,6 +122,25 @@ def test_a_torch_is_registered_where_it_is(
     assert apart == pytest.approx(3.7, abs=0.2)
 
 
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (("--torch.driver", "none"), "can't be jogged over the joint"),
+        (("--simulation.torch-aside-mm", "40"), "beside what it reaches"),
+        (("--guards.torch-sigma-mm", "0.6"), "no arc is struck above guards.torch_sigma_mm = "),
+    ],
+)
+def test_a_torch_that_cannot_be_registered_is_not(
+    keys: tuple[str, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_LENGTH", 0.06)
+    file = tmp_path / "short.toml"
+    file.write_text(SHORT)
+    assert tjscan("crawl", "register", file, *keys, "--out", tmp_path / "run") != 0
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
 class Reader:
     """Reads one width after another."""
 

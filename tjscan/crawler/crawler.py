@@ -41,6 +41,9 @@ MOST_OFFSET_AT_REVERSAL: Final = 3e-3
 SHUTTLE_WAVE_LENGTH: Final = 0.4
 """Metres of a wave."""
 
+TORCH_AT_REST: Final = 0.2e-3
+"""An axis at rest stands no farther beside where it was sent, metres."""
+
 REPORTED_WAIT: Final = 5.0
 """Seconds after which it reports what it waits for before anything moves."""
 
@@ -193,6 +196,9 @@ class Crawler:
             self._cycle.come_to_rest(0.0, height)
             while not self._operator.confirm_torch():
                 self._cycle.come_to_rest(0.0, height)
+            if abs(off := self._cycle.deviation) > TORCH_AT_REST:
+                reason = f"the torch's axis stands {1e3 * off:.1f} mm beside where it was jogged to"
+                raise CrawlStopped("torch", reason)
 
     @contextmanager
     def _stopping_if_block_raises(self) -> Iterator[None]:

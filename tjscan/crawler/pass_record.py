@@ -125,7 +125,7 @@ def pass_records(
     for cycle, place in places:
         if cycle.arc:
             along, right = place.torch
-            off = right + cycle.torch_y - cycle.path
+            off = right + cycle.torch_y - (cycle.path - cycle.jog)  # what is jogged was wrong
             row = along, right, off, cycle.torch.offset - right
             truth.setdefault(cycle.number, []).append(row)
     traced = {n: [one for one in traces if one.number == n] for n in burning}

@@ -202,8 +202,10 @@ class PassSettings(PassRow):
         own = {field.name: getattr(self, field.name) for field in fields(PassRow)}
         if self.segments and PassRow(**own) != PassRow():
             raise ValueError("segments state speed, offset, height, weave and feed: state no other")
-        if self.edge_gap is not None and self.table.weave.max() > 0:
-            raise ValueError("edge_gap_mm states where a swing ends: state no weave_mm")
+        if self.edge_gap is not None and (self.table.weave.any() or self.table.offset.any()):
+            raise ValueError(
+                "edge_gap_mm states where a swing ends: state no weave_mm and no offset_mm"
+            )
         weaves = self.edge_gap is not None or self.table.weave.max() > 0
         if weaves and not 2 * self.dwell < self.weave_period:
             raise ValueError("two dwell_s leave no time to swing: make weave_period_s longer")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
 
 from tjscan.cli.interrupt import ctrl_c_presser
@@ -56,10 +56,16 @@ class TerminalWeldOperator:
 
         choice = "y, n, or millimetres by which to jog the torch to the right:"
         answer = str(questionary.text(f"{question} {choice}").unsafe_ask()).strip().lower()
-        with suppress(ValueError):
-            if isfinite(by := 1e-3 * float(answer)):
-                self._jog.move(by)
-                print_message(f"the torch is jogged by {1e3 * self._jog.offset:+.2f} mm")
+        try:
+            by = 1e-3 * float(answer)
+        except ValueError:
+            by = nan
+        if isfinite(by):
+            self._jog.move(by)
+            limit = f"{1e3 * self._jog.limit:g} mm to either side at most"
+            print_message(f"the torch is jogged by {1e3 * self._jog.offset:+.2f} mm, {limit}")
+        elif answer not in ("y", "yes", "n", "no", ""):
+            print_message(f"{answer!r} is neither y, n nor a number such as 1.5 or -1.5")
         return answer in ("y", "yes")
 
 

@@ -96,7 +96,12 @@ class CrawlWeld:
         feed = np.where(np.isfinite(rows.feed), rows.feed, self.settings.wire_feed)
         tip, down = np.column_stack((right, rows.height)), np.tile((0.0, -1.0), (len(s), 1))
         heat = self.settings.heat_power / speed
-        self.metal.weld(TorchTrace(s, tip, down, speed, feed, heat, 2 * rows.weave))
+        weave = 2 * rows.weave
+        if one.edge_gap is not None:
+            state = self.metal.state
+            opening = np.diff(state.toe_points[:, :, 0], axis=1)[:, 0]
+            weave = np.maximum(np.interp(s, state.s, opening) - 2 * one.edge_gap, 0.0)
+        self.metal.weld(TorchTrace(s, tip, down, speed, feed, heat, weave))
 
     def lay_again(self, one: PassSettings, begin: float, end: float) -> None:
         """Lay the bead of a pass that an interrupted run left, as the pass was commanded."""

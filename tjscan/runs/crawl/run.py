@@ -14,7 +14,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.errors import ConfigurationError, GrooveNotFound
+from tjscan.core.errors import ConfigurationError, CrawlStopped, GrooveNotFound, VehicleFault
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import LONGEST_PERIOD, CrawlDevices, HandDrive, JointReader
 from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
@@ -121,7 +121,10 @@ class SeeingWeldOperator(AutomaticWeldOperator):
     def confirm_torch(self) -> bool:
         """Jog the torch by what it is off; confirm once that is as little as is seen."""
         _, off = self.world.torch_beside_joint()
+        before = self.jog.offset
         self.jog.move(-off)
+        if self.jog.offset == before and abs(off) >= SEEN_OFFSET:
+            raise CrawlStopped("torch", f"the torch is {1e3 * off:.1f} mm beside what it reaches")
         return abs(off) < SEEN_OFFSET
 
 
@@ -502,11 +505,22 @@ def register_torch(context: CrawlContext, directory: Path) -> OffsetEstimate:
     ConfigurationError
         If the job is wrong.
     CrawlStopped, VehicleFault, LaserFault
-        If the crawler was stopped.
+        If the crawler was stopped, or the estimate is too unsure to weld by.
     """
-    context.jog.limit = context.job.torch.reach
-    method = _shuttle(context, directory, registers=True)
-    return OffsetEstimate(context.job.torch.aside - context.jog.offset, method.torch.sigma)
+    torch, allowed = context.job.torch, context.job.guards.torch_sigma
+    with add_file_to_errors(context.job_file):
+        if torch.driver == "none":
+            reason = "a torch without an axis can't be jogged over the joint: name another driver"
+            raise ConfigurationError(reason, key="torch.driver")
+    context.jog.limit = torch.reach - abs(torch.aside)
+    sigma = _shuttle(context, directory, registers=True).torch.sigma
+    if sigma > allowed:
+        raise VehicleFault(
+            f"the torch's place is known to {1e3 * sigma:.1f} mm, and no arc is struck above "
+            f"guards.torch_sigma_mm = {1e3 * allowed:g}: name a calibration in the job, or clear "
+            "a longer way, and register again"
+        )
+    return OffsetEstimate(torch.aside - context.jog.offset, sigma)
 
 
 REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
