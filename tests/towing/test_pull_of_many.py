@@ -1,6 +1,7 @@
 """Many vehicles on a long cable, each of which may only draw the piece before it so straight."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,16 +51,16 @@ def test_a_step_with_many_active_rows_is_that_of_the_dense_solver(
     moved = replace(limits, problem=replace(limits.problem, fixed_poses=poses))
     dense, fill, asked = limited._solve_program, limited._fill_quadratic_program, list[int]()
 
-    def count(*given: object) -> object:
+    def count(*given: Any) -> Any:
         asked.append(1)
-        return dense(*given)  # type: ignore[arg-type]
+        return dense(*given)
 
     monkeypatch.setattr(limited, "_solve_program", count)
     found = limited.optimise_within_limits(moved, begun, most=4)
     assert not asked
     assert (found.pressed["kind"] == LimitKind.TAUT).sum() > limited.MOST_ACTIVE_ROUNDS
 
-    def find_nothing(*given: object) -> object:
+    def find_nothing(*given: Any) -> Any:
         shift, _, step, z = fill(*given)
         return shift, False, step, z
 

@@ -214,7 +214,7 @@ def _solve_by_active_set(
     n, m, used, wanted = len(step), len(state.constraint), 0, len(state.constraint)
     free, margins = -program.gradient, np.empty(len(rows))
     linear.back_substitute(program.factor, free)
-    room = m + MOST_ACTIVE_ROUNDS + np.count_nonzero(rows.kind == LimitKind.TAUT.value)
+    room = m + MOST_ACTIVE_ROUNDS + np.count_nonzero(rows["kind"] == LimitKind.TAUT.value)
     gradients, solved, schur = np.empty((room, n)), np.empty((room, n)), np.empty((room, room))
     active, row_of, place_of = np.zeros(room), np.empty(room, np.int64), np.full(len(rows), -1)
     gradients[:m], missed = state.jacobian, np.empty(room)
@@ -248,10 +248,8 @@ def _solve_by_active_set(
             if r == worst or (rows[r].kind == LimitKind.TAUT and margins[r] < -1e-9):
                 if place_of[r] < 0:
                     row_of[wanted], missed[wanted], place_of[r] = r, rows[r].margin, wanted
-                    limit_gradients(
-                        rows[r : r + 1], root, state.links, gradients[wanted : wanted + 1]
-                    )
-                    wanted += 1
+                    new, wanted = gradients[wanted : wanted + 1], wanted + 1
+                    limit_gradients(rows[r : r + 1], root, state.links, new)
                 active[place_of[r]] = 1.0
     return False
 

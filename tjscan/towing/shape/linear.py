@@ -113,10 +113,8 @@ def solve_schur(schur: Array, missed: Array) -> Array:
     """Multipliers of rows that a step without them misses; of equal rows they are shared."""
     if len(missed) == 0:
         return missed
-    trace = np.trace(schur)
-    for e in range(len(schur)):
-        schur[e, e] += 1e-13 * trace
-    return np.asarray(np.linalg.solve(schur, missed))
+    softness = 1e-13 * np.trace(schur) * np.eye(len(schur))
+    return np.asarray(np.linalg.solve(schur + softness, missed))
 
 
 @compiled

@@ -162,7 +162,8 @@ def _slackened(limits: LimitedProblem, angles: Array) -> Array:
     counts, step = np.diff(ends), limits.arrays.length
     slack = np.maximum(1 - limits.arrays.longest / (counts * step), 0.0)
     phase = np.interp(np.arange(len(angles)) + 0.5, ends, np.pi * np.arange(len(ends)))
-    return angles + np.diff(np.repeat(2 * np.sqrt(slack), counts) * np.cos(phase), prepend=0.0)
+    turned = np.repeat(2 * np.sqrt(slack), counts) * np.cos(phase)
+    return np.asarray(angles + np.diff(turned, prepend=0.0))
 
 
 def _close_on_welder_pose(limits: LimitedProblem, angles: Array) -> bool:
