@@ -275,11 +275,12 @@ def link_rows() -> list[Row]:
         yard = Floor([(0, -height / 2), (width, -height / 2), (width, height / 2), (0, height / 2)])
         team = TowingTeam(equally_spaced_links(links, vehicles), force=49.0)
         tow = Tow(TowingPlanner(Cable(links=links), team, yard), x=width, y=-0.15 * height)
-        watch, _ = tow.timed(60)
+        watch, plans = tow.timed(60)
         mean = sum(watch.seconds) / (BLOCK * len(watch.seconds))
         taken.append(mean)
         name = f"{links} links, {vehicles} vehicles: plan, mean of 60"
         rows.append(Row(name, 1e3 * mean, limit, "ms", slowdown=watch.slowdown))
+        rows.append(Row(f"{links} links: plans halted", sum(map(is_stopped, plans)), 0))
     exponent = float(np.log(taken[2] / taken[0]) / np.log(1000 / 60))
     return [*rows, Row("a plan's time over the links, exponent", exponent, 1.2)]
 

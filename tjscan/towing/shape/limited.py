@@ -82,8 +82,8 @@ MOST_OUTER_ITERATIONS: Final = 100
 MOST_INNER_ITERATIONS: Final = 20
 """Its steps in each of them; one or two are usual."""
 
-MOST_ACTIVE_ROWS: Final = 20
-"""Rows that may be active in a guess; beyond, ProxQP looks for them."""
+MOST_ACTIVE_ROUNDS: Final = 20
+"""In which rows that are active are sought; beyond, ProxQP looks for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,45 +207,50 @@ def _solve_by_active_set(
 ) -> bool:
     """Solve a program by adding the worst row and dropping those that pull; True if that ends.
 
-    What it then found meets all conditions of the program's solution, with no slack.
+    Rows of pull are of different pieces of cable, and any number may be active in a long one: all
+    that a step breaks are added together. A row is solved for once, when it is added first. What is
+    found meets all conditions of the program's solution, with no slack.
     """
-    n, m, used = len(step), len(state.constraint), len(state.constraint)
+    n, m, used, wanted = len(step), len(state.constraint), 0, len(state.constraint)
     free, margins = -program.gradient, np.empty(len(rows))
     linear.back_substitute(program.factor, free)
-    gradients, right = np.empty((m + MOST_ACTIVE_ROWS, n)), np.empty(m + MOST_ACTIVE_ROWS)
-    gradients[:m], right[:m] = state.jacobian, state.constraint
-    solved = gradients.copy()
-    linear.back_substitute_rows(program.factor, solved[:m])
-    active, row_of = np.ones(len(right), np.bool_), np.empty(len(right), np.int64)
-    for _ in range(MOST_ACTIVE_ROWS):
-        held = np.flatnonzero(active[:used])
-        multipliers = np.empty(len(held))
-        step[:] = free
-        linear.meet_constraints(gradients[held], solved[held], right[held], step, multipliers)
+    room = m + MOST_ACTIVE_ROUNDS + np.count_nonzero(rows["kind"] == LimitKind.TAUT.value)
+    gradients, solved, schur = np.empty((room, n)), np.empty((room, n)), np.empty((room, room))
+    active, row_of, place_of = np.zeros(room), np.empty(room, np.int64), np.full(len(rows), -1)
+    gradients[:m], missed = state.jacobian, np.empty(room)
+    missed[:m], active[:m] = state.constraint, 1.0
+    for _ in range(MOST_ACTIVE_ROUNDS):
+        for place in range(used, wanted):
+            solved[place] = gradients[place]
+            linear.back_substitute(program.factor, solved[place])
+            missed[place] += gradients[place] @ free
+            schur[place, : place + 1] = solved[: place + 1] @ gradients[place]
+            schur[: place + 1, place] = schur[place, : place + 1]
+        used = wanted
+        held, multipliers = np.flatnonzero(active[:used]), np.zeros(used)
+        multipliers[held] = linear.solve_schur(schur[held][:, held], missed[held])
+        step[:] = free - multipliers @ solved[:used]
         z[:], settled = 0.0, True
-        for k in range(m, len(held)):
-            z[row_of[held[k]]] = multipliers[k]
-            if multipliers[k] > 1e-9:
-                active[held[k]], settled = False, False
+        for place in range(m, used):
+            z[row_of[place]] = multipliers[place]
+            if multipliers[place] > 1e-9:
+                active[place], settled = 0.0, False
         add_margin_changes(rows, step, root, state.links, margins)
-        which = margins.argmin() if len(rows) else -1
-        if which < 0 or margins[which] >= -1e-9:
+        worst = margins.argmin() if len(rows) else -1
+        if worst < 0 or margins[worst] >= -1e-9:
             if settled:
                 y[:] = multipliers[:m]
                 return bool(np.abs(z).sum() < LIMIT_VIOLATION_COST)
             continue
-        place = used
-        for k in range(m, used):
-            if row_of[k] == which:
-                place = k
-        if place == used:
-            row_of[used], right[used], used = which, rows[which].margin, used + 1
-            limit_gradients(rows[which : which + 1], root, state.links, gradients[place:used])
-            solved[place] = gradients[place]
-            linear.back_substitute(program.factor, solved[place])
-        elif active[place]:
+        if place_of[worst] >= 0 and active[place_of[worst]]:
             return False
-        active[place] = True
+        for r in range(len(rows)):
+            if r == worst or (rows[r].kind == LimitKind.TAUT and margins[r] < -1e-9):
+                if place_of[r] < 0:
+                    row_of[wanted], missed[wanted], place_of[r] = r, rows[r].margin, wanted
+                    new, wanted = gradients[wanted : wanted + 1], wanted + 1
+                    limit_gradients(rows[r : r + 1], root, state.links, new)
+                active[place_of[r]] = 1.0
     return False
 
 

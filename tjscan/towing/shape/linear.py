@@ -103,26 +103,18 @@ def constrained_step(
 @compiled
 def meet_constraints(rows: Array, solved: Array, c: Array, step: Array, multipliers: Array) -> None:
     """Change a step d of H d = -g to one that meets A d = -c, with the rows of A solved by H."""
-    n, m = len(step), len(c)
-    if m == 0:
-        return
-    schur = np.zeros((m, m))
-    right = np.zeros(m)
-    trace = 0.0
-    for e in range(m):
-        for f in range(m):
-            for i in range(n):
-                schur[e, f] += rows[e, i] * solved[f, i]
-        trace += schur[e, e]
-        right[e] = c[e]
-        for i in range(n):
-            right[e] += rows[e, i] * step[i]
-    for e in range(m):
-        schur[e, e] += 1e-13 * trace
-    multipliers[:] = np.linalg.solve(schur, right)
-    for e in range(m):
-        for i in range(n):
-            step[i] -= solved[e, i] * multipliers[e]
+    if len(c):
+        multipliers[:] = solve_schur(rows @ solved.T, c + rows @ step)
+        step -= multipliers @ solved
+
+
+@compiled
+def solve_schur(schur: Array, missed: Array) -> Array:
+    """Multipliers of rows that a step without them misses; of equal rows they are shared."""
+    if len(missed) == 0:
+        return missed
+    softness = 1e-13 * np.trace(schur) * np.eye(len(schur))
+    return np.asarray(np.linalg.solve(schur + softness, missed))
 
 
 @compiled

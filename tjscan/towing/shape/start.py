@@ -142,13 +142,28 @@ def search_shape(limits: LimitedProblem, guess: Array) -> StartShape | None:
     """Best shape near a guess, angles of shape (N,), radians; None if it keeps no limits."""
     angles = guess.copy()
     iterations = minimise_objective(angles, MOST_NEWTON_STEPS, 1e-4, *limits.problem.plain)
-    if not _close_on_welder_pose(limits, angles):
-        shape = optimise_within_limits(limits, guess, most=MOST_QUADRATIC_PROGRAMS)
+    begins = iter((guess, _slackened(limits, guess)))
+    while not _close_on_welder_pose(limits, angles):
+        if (begin := next(begins, None)) is None:
+            return None
+        shape = optimise_within_limits(limits, begin, most=MOST_QUADRATIC_PROGRAMS)
         angles = shape.angles.copy()
         iterations += shape.iterations
-        if not _close_on_welder_pose(limits, angles):
-            return None
     return StartShape(angles, limits.problem.terms(angles).total, iterations)
+
+
+def _slackened(limits: LimitedProblem, angles: Array) -> Array:
+    """A shape whose pieces between vehicles wind to either side by turns, as far as pull demands.
+
+    Of a straight piece no small turn makes the chord shorter. Headings that go as a cosine of
+    amplitude a make it a² / 4 of its length shorter.
+    """
+    ends = np.array((0, *(link + 1 for link in limits.team.held_links)))
+    counts, step = np.diff(ends), limits.arrays.length
+    slack = np.maximum(1 - limits.arrays.longest / (counts * step), 0.0)
+    phase = np.interp(np.arange(len(angles)) + 0.5, ends, np.pi * np.arange(len(ends)))
+    turned = np.repeat(2 * np.sqrt(slack), counts) * np.cos(phase)
+    return np.asarray(angles + np.diff(turned, prepend=0.0))
 
 
 def _close_on_welder_pose(limits: LimitedProblem, angles: Array) -> bool:
