@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import floor, inf, isfinite, nan
+from math import floor, isfinite, nan
 from typing import Final, Protocol
 
 import numpy as np
@@ -42,9 +42,6 @@ of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm.
 
 MOST_KEPT_PROFILES: Final = 10
 """Profiles that are kept."""
-
-FARTHEST_WIDTH: Final = 50e-3
-"""From a place at which the joint's width is read, metres: over that it holds on (assumption)."""
 
 WIDTH_STATION_LENGTH: Final = 5e-3
 """Metres of the joint for which one mean width is kept."""
@@ -156,17 +153,15 @@ class JointSensor:
         Raises
         ------
         CrawlStopped
-            If the edges were read nowhere so near to it.
+            If the edges were read nowhere.
         """
-        stations, at = sorted(self._widths), travel / WIDTH_STATION_LENGTH - 0.5
-        nearest = min((abs(at - station) for station in stations), default=inf)
-        if nearest * WIDTH_STATION_LENGTH > FARTHEST_WIDTH:
+        if not self._widths:
             raise CrawlStopped(
-                "edges",
-                f"the joint's edges were not read within {1e3 * FARTHEST_WIDTH:g} mm of the torch: "
-                "state weave_mm, and no edge_gap_mm",
+                "edges", "the joint's edges were read nowhere: state weave_mm, and no edge_gap_mm"
             )
-        return float(np.interp(at, stations, [self._widths[station][0] for station in stations]))
+        stations = sorted(self._widths)
+        widths = [self._widths[station][0] for station in stations]
+        return float(np.interp(travel / WIDTH_STATION_LENGTH - 0.5, stations, widths))
 
     def _profile_age(self, profile: Profile) -> float:
         """Seconds between a profile and now, at the least; none if the laser dates nothing."""
