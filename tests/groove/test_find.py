@@ -168,7 +168,8 @@ def test_errors_are_as_large_as_the_section_says(correlation: int, wall: float) 
 
 def test_measures_scatter_as_much_as_the_section_says() -> None:
     sections = [read_groove(draw(GROOVE, NOISE, seed)) for seed in range(60)]
-    for name in ("groove_angle", "root_width", "depth", "area"):
+    stated = np.sqrt(np.mean([np.diag(s.measure_covariance) for s in sections], axis=0))
+    names = ("groove_angle", "root_width", "depth", "area")
+    for name, said in zip(names, stated, strict=True):
         scatter = np.std([getattr(s, name) for s in sections])
-        said = np.sqrt(np.mean([getattr(s, f"{name}_sigma") ** 2 for s in sections]))
         assert said / scatter == pytest.approx(1, abs=0.45), name

@@ -227,12 +227,13 @@ class TowJob(StrictFileModel):
         yield from _held_link_contradictions(self)
         yield from _size_contradictions(self)
         yield from _fault_contradictions(self)
-        from tjscan.job.tow import floor  # needs shapely, which only a tow does
+        # Needs shapely, which only a tow does.
+        from tjscan.job.tow.floor import TowFloor, floor_contradictions
 
         body = self.vehicles.radius + self.limits.vehicle_clearance
         pieces = np.diff(self.cable.link * np.array((-1, *self.held_links)))
-        on_floor = floor.TowFloor(self.area, self.root, self.seam, self.obstacles, body, pieces)
-        yield from floor.floor_contradictions(on_floor)
+        on_floor = TowFloor(self.area, self.root, self.seam, self.obstacles, body, pieces)
+        yield from floor_contradictions(on_floor)
 
 
 def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
