@@ -256,9 +256,9 @@ def judge_with_flanks(name: str, k: int) -> FillVerdict:
     return FillVerdict(truth > 0, True, wrong, error, (error / section.area_sigma) ** 2)
 
 
-def rows_with_flanks(fault: Fault | SecondFault, verdicts: Sequence[FillVerdict]) -> list[Row]:
+def rows_with_flanks(name: str, verdicts: Sequence[FillVerdict]) -> list[Row]:
     """The bars of such a row with its bare groove known."""
-    name, read_ = f"{fault.name}, flanks known", [v for v in verdicts if v.read]
+    name, read_ = f"{name}, flanks known", [v for v in verdicts if v.read]
     errors = 1e6 * np.array([v.error for v in read_])
     wrong = 100 * float(np.mean([v.sure_wrong for v in verdicts]))
     z_sq = float(np.mean([v.z_sq for v in read_]))
@@ -272,9 +272,8 @@ def rows_with_flanks(fault: Fault | SecondFault, verdicts: Sequence[FillVerdict]
     ]
 
 
-def fill_rows(fault: Fault | SecondFault, verdicts: Sequence[FillVerdict]) -> list[Row]:
+def fill_rows(name: str, verdicts: Sequence[FillVerdict]) -> list[Row]:
     """The bars of a row: where nothing is left to fill, a profile is to be refused."""
-    name = fault.name
     wrong = 100 * float(np.mean([v.sure_wrong for v in verdicts]))
     over = sum(v.read and not v.left for v in verdicts)
     rows = [
@@ -495,15 +494,22 @@ def measure(count: int, first: int) -> list[Row]:
         filled = [(f, work(partial(judge_fill, f.name), numbers)) for f in ALL_FILLED]
         known = [(f, work(partial(judge_with_flanks, f.name), numbers)) for f in ALL_FILLED]
         bounds = work(against_bound, range(count))
-        for fault, verdicts in waiting:
+        of_grooves: list[Verdict] = []
+        for fault, found in waiting:
+            verdicts = list(found)
             if fault in ALL_GROOVES:
-                rows += rows_of(fault, list(verdicts))
+                of_grooves += verdicts
+                rows += rows_of(fault, verdicts)
             else:
-                rows.append(no_groove_row(fault, list(verdicts)))
-        for fault, found in filled:
-            rows += fill_rows(fault, list(found))
-        for fault, found in known:
-            rows += rows_with_flanks(fault, list(found))
+                rows.append(no_groove_row(fault, verdicts))
+        wrong = 100 * float(np.mean([v.sure_wrong for v in of_grooves]))
+        rows.append(Row("all rows of grooves: sure and wrong", wrong, 0.1, "%"))
+        for bars, readings in ((fill_rows, filled), (rows_with_flanks, known)):
+            fills = {fault: list(found) for fault, found in readings}
+            for fault, one in fills.items():
+                rows += bars(fault.name, one)
+            # A row of grooves that weld nearly fills has a mean of errors over nearly nothing.
+            rows += bars("all fills and shapes", [v for f in FILLED for v in fills[f]])
         rows += bound_rows(list(bounds))
     return rows + real_rows(min(count, 40)) + time_rows(3 * count, first)
 
