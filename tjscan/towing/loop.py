@@ -212,10 +212,9 @@ class CableTow:
         places = estimate.poses.copy() if self._last is None else self._last.held_poses.copy()
         places[-1] = self._setting.seam.pose_at(self._along)
         for v, (place, pose) in enumerate(zip(places, estimate.poses, strict=True)):
-            off, welder = hypot(*(pose - place)[:2]), v == len(places) - 1
+            off, welder = hypot(*(pose - place)[:2]), v == self._setting.team.welder
             if off > (START_POSITION_TOLERANCE if welder else START_VEHICLE_TOLERANCE):
-                name = "the welder" if welder else f"vehicle {v + 1}"
-                x, y = 1e3 * place[:2]
+                name, (x, y) = self._setting.team.name_of(v), 1e3 * place[:2]
                 raise TowHalted(
                     f"{name} is {1e3 * off:.0f} mm from where the tow begins. Bring it to "
                     f"({x:.0f}, {y:.0f}) mm, heading {np.degrees(place[2]) % 360:.0f}°."
@@ -378,6 +377,7 @@ class CableTow:
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> WaitingReason | None:
         """Why the welder must wait, whatever the plan is."""
+        team = self._setting.team
         gone = [v for v, s in enumerate(self._states) if isinstance(s, VehicleLinkLost)]
         if gone:
             return WaitingReason(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)
@@ -388,8 +388,7 @@ class CableTow:
         waiting = self._standing.reason_to_wait(estimate, self._last)
         if waiting is None and (pull := self._grip.count_hard_pull()):
             force, v = pull
-            most = self._setting.team.force
-            name = "the welder" if v == len(self._followers) - 1 else f"vehicle {v + 1}"
+            name, most = team.name_of(v), team.force
             words = f"the cable pulls at {name} with {force:.0f} N of the {most:g} N that it can"
             return WaitingReason(f"{words} pull", device=True)
         *towing, welder = (self._off_plan(estimate, v) for v in range(len(self._followers)))

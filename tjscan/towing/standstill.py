@@ -428,8 +428,8 @@ class StandstillWatch:
             why = _describe_fault(self._states[welder]) or "it does not move"
             return WaitingReason(f"the welder is stopped: {why}", device=True)
         if self.runaways:
-            names = ["the welder" if v == welder else f"vehicle {v + 1}" for v in self.runaways]
-            return WaitingReason(f"{names[0]} does not follow its commands", device=True)
+            name = self._team.name_of(self.runaways[0])
+            return WaitingReason(f"{name} does not follow its commands", device=True)
         share, v = self._tautest_piece(poses)
         self._taut = share >= (SLACK_CABLE_CHORD_SHARE if self._taut else TAUT_CABLE_CHORD_SHARE)
         if self._taut:
@@ -441,8 +441,8 @@ class StandstillWatch:
         self._drawn = bool(beyond.max() > 0.0) and isfinite(self._team.force)
         v = int(beyond.argmax())
         if self._drawn:
-            name = "the welder" if v == welder else f"vehicle {v + 1}"
-            return WaitingReason(f"the cable before {name} is drawn straight", device=True)
+            why = f"the cable before {self._team.name_of(v)} is drawn straight"
+            return WaitingReason(why, device=True)
         return None if last is None else self._bent_too_far(last)
 
     def _bent_too_far(self, last: TowingPlan) -> WaitingReason | None:

@@ -188,3 +188,7 @@ class TowingTeam:
     def welder(self) -> int:
         """Number of the welder in the team."""
         return len(self.held_links) - 1
+
+    def name_of(self, vehicle: int) -> str:
+        """Of a vehicle, counted from 0, for messages."""
+        return "the welder" if vehicle == self.welder else f"vehicle {vehicle + 1}"
