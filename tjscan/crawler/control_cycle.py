@@ -199,7 +199,7 @@ class ControlCycle:
     deviation : float
         Of the torch from its path, as estimated, metres.
     bend_found : bool
-        Whether the joint was found to bend, so that it has to align anew.
+        Whether the joint was found to bend, so that it has to align once more.
     all_welded : bool
         Whether nothing is left to weld: the joint need not be seen then.
     """
@@ -350,7 +350,7 @@ class ControlCycle:
         if not self._method.follow_bend():
             return False
         ahead = self.travel + self._devices.laser_to_torch
-        where = f"the joint may bend about {1e3 * ahead:.0f} mm: it aligns anew"
+        where = f"the joint may bend about {1e3 * ahead:.0f} mm: it aligns again"
         self._journal.record(RunEvent(BEND_EVENT, where))
         return True
 
