@@ -199,7 +199,7 @@ class ControlCycle:
     deviation : float
         Of the torch from its path, as estimated, metres.
     bend_found : bool
-        Whether the joint was found to bend, so that it has to align once more.
+        Whether the joint was found to bend, so that it has to align again.
     all_welded : bool
         Whether nothing is left to weld: the joint need not be seen then.
     """
