@@ -1,6 +1,7 @@
 """A weld is looked at, planned again, stopped and gone on with; nothing of it claims to be real."""
 
 import json
+import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import partial
@@ -26,6 +27,7 @@ from tjscan.power.sequence import ArcFault, ArcLimits
 from tjscan.power.simulated import PowerSimulationSettings, SimulatedPowerSource
 from tjscan.power.source import PowerSample
 from tjscan.recording.journal import RunEvent
+from tjscan.recording.parts import recording_files
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, _Samples, left_to_weld
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
@@ -34,6 +36,7 @@ from tjscan.runs.weld.journal import (
     ArcStretchMessage,
     LookMessage,
     PlannedBeadMessage,
+    WeldRecording,
     read_weld,
 )
 from tjscan.runs.weld.look import (
@@ -314,9 +317,8 @@ def test_a_weld_whose_looks_state_one_sigma_a_station_is_still_read(
             if isinstance(one, LookMessage):
                 one = replace(one, sigma=np.median(one.seen.sigma, axis=1))
             recording.record(one)
-    for now, before in zip(
-        read_recorded_weld(run).looks, read_recorded_weld(welded).looks, strict=True
-    ):
+    looks = (read_recorded_weld(one).looks for one in (run, welded))
+    for now, before in zip(*looks, strict=True):
         assert now.seen.sigma.shape == before.seen.sigma.shape
         assert (now.seen.sigma == np.median(before.seen.sigma, axis=1)[:, None]).all()
     limits = ROOT / "examples" / "iso5817-example.toml"
