@@ -309,10 +309,10 @@ def test_a_weld_whose_looks_state_one_sigma_a_station_is_still_read(
 ) -> None:
     """Earlier versions recorded so."""
     run = shutil.copytree(welded, tmp_path / "run")
-    (file,) = recording_files(run, "weld")
-    messages = list(read_weld(welded))
-    file.unlink()
-    with WeldRecording(file) as recording:
+    messages, files = list(read_weld(welded)), recording_files(run, "weld")
+    for file in files:
+        file.unlink()
+    with WeldRecording(files[0]) as recording:
         for one in messages:
             if isinstance(one, LookMessage):
                 one = replace(one, sigma=np.median(one.seen.sigma, axis=1))
