@@ -15,7 +15,7 @@ from tjscan.crawler.contradiction import ContradictionWatch
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sections import shows_filled_joint
 from tjscan.crawler.joint_tracking.registration import JointPlacement
-from tjscan.crawler.journal import TORCH_EVENT, CrawlCycle, is_by_hand
+from tjscan.crawler.journal import BEND_EVENT, TORCH_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
 from tjscan.crawler.torch_axes import TorchAxes, TorchJog
@@ -213,6 +213,8 @@ class ControlCycle:
         Along the joint as last measured, m/s.
     deviation : float
         Of the torch from its path, as estimated, metres.
+    bend_found : bool
+        Whether the joint was found to bend, so that it has to align again.
     all_welded : bool
         Whether nothing is left to weld: the joint need not be seen then.
     """
@@ -233,6 +235,7 @@ class ControlCycle:
         self._states_at_one_time = 0
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
+        self.bend_found = False
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
@@ -344,7 +347,16 @@ class ControlCycle:
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:
-            self._watch.add(twist, state.odometry, period, profile, surprise, filled=filled)
+            aligns = self.phase in (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT)
+            self.bend_found |= self._watch.add(
+                twist,
+                state.odometry,
+                period,
+                profile,
+                surprise,
+                filled=filled,
+                follow_bend=self._follow_bend if aligns else None,
+            )
             self._watch.inertial.add(state, misfits, period)
         if self.phase is not Phase.MANUAL:
             self._guards.watch_joint(
@@ -355,6 +367,15 @@ class ControlCycle:
                 filled=filled,
             )
         return period, reading is not None
+
+    def _follow_bend(self) -> bool:
+        """Let the method take the joint for one that bends here; see `FollowingMethod`."""
+        if not self._method.follow_bend():
+            return False
+        ahead = self.travel + self._devices.laser_to_torch
+        where = f"the joint may bend about {1e3 * ahead:.0f} mm: it aligns again"
+        self._journal.record(RunEvent(BEND_EVENT, where))
+        return True
 
     def _period_until(self, time: float) -> float:
         """Seconds since the last state; none if it was at rest, and an operator was waited for."""

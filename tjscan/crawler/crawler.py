@@ -266,9 +266,7 @@ class Crawler:
         self._wait_for_joint()
         if resumed is None:
             cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
-            self._align_forward(home)
-            cycle.enter(Event.ALIGNED, "the torch is above the joint")
-            self._go_back(home)
+            self._align(home)
             cycle.enter(Event.AT_START, "back at the start")
         else:
             if start.last_view is not None:
@@ -301,6 +299,24 @@ class Crawler:
                 self._report(str(self._cycle.phase), f"waits for {missing}")
             waited += period
 
+    def _align(self, home: float) -> None:
+        """Go out and back; again where the way back shows that the joint bends.
+
+        A bend is only one if all readings since it was found fit a joint that bends there.
+        """
+        cycle = self._cycle
+        while True:
+            self._align_forward(home)
+            cycle.bend_found = False
+            cycle.enter(Event.ALIGNED, "the torch is above the joint")
+            cycle.come_to_rest()
+            while cycle.travel > home and not cycle.bend_found:
+                self._drive_back(home)
+            if not cycle.bend_found:
+                return
+            cycle.enter(Event.JOINT_BENDS, "the joint bends")
+            cycle.come_to_rest()
+
     def _align_forward(self, home: float) -> None:
         """Go forward until the torch is above the joint, and known to be."""
         alignment = self._plan.alignment
@@ -326,8 +342,13 @@ class Crawler:
     def _go_back(self, place: float) -> None:
         """Go backward to a place along the joint."""
         self._cycle.come_to_rest()
-        while (left := self._cycle.travel - place) > 0:
-            self._cycle.drive(-self._plan.alignment.return_speed, turns_back=left < TURN_BACK_WAY)
+        while self._cycle.travel > place:
+            self._drive_back(place)
+
+    def _drive_back(self, place: float) -> None:
+        """Drive one cycle backward, towards a place at which it turns."""
+        turns_back = self._cycle.travel - place < TURN_BACK_WAY
+        self._cycle.drive(-self._plan.alignment.return_speed, turns_back=turns_back)
 
     def _plan_pass(self, number: int, *, cut_short: bool) -> PassSettings:
         """A pass as it is to be welded: planned from what was seen, or as it is stated.

@@ -223,6 +223,9 @@ ARC_TOPIC: Final = Topic.of("/crawl/arc", ArcReading)
 TORCH_EVENT: Final = "torch"
 """Name of the event that states the same in words."""
 
+BEND_EVENT: Final = "bend"
+"""Name of the event after which the joint is taken for one that bends."""
+
 CRAWL_TOPICS: Final[tuple[Topic[Any], ...]] = (
     CYCLE_TOPIC,
     PLACE_TOPIC,

@@ -26,6 +26,7 @@ class Event(StrEnum):
     JOINT_IN_VIEW = "joint in view"
     ALIGNED = "aligned"
     AT_START = "at the start"
+    JOINT_BENDS = "joint bends"
     WELD_CONFIRMED = "weld confirmed"
     PASS_WELDED = "pass welded"
     TORCH_NOT_KNOWN = "torch not known well enough"
@@ -40,6 +41,7 @@ PHASE_TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = MappingProxyType
     {
         (Phase.MANUAL, Event.JOINT_IN_VIEW): Phase.FORWARD_ALIGNMENT,
         (Phase.FORWARD_ALIGNMENT, Event.ALIGNED): Phase.BACKWARD_ALIGNMENT,
+        (Phase.BACKWARD_ALIGNMENT, Event.JOINT_BENDS): Phase.FORWARD_ALIGNMENT,
         (Phase.BACKWARD_ALIGNMENT, Event.AT_START): Phase.READY,
         (Phase.READY, Event.WELD_CONFIRMED): Phase.WELDING,
         (Phase.WELDING, Event.PASS_WELDED): Phase.RETURN,

@@ -22,6 +22,7 @@ from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces
 from tjscan.crawler.joint_sections import COASTING_TIME, LastView
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import (
+    BEND_EVENT,
     CRAWL_RECORDING,
     CRAWL_TOPICS,
     CYCLES_TOGETHER,
@@ -668,6 +669,8 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
                 yield entry.time, TRACE_TOPIC, trace
                 event = event_log_message(entry.time, Log.Level.INFO, TORCH_EVENT, trace.text)
                 yield entry.time, LOG_TOPIC, event
+            if is_event and cycle.name == BEND_EVENT:
+                method.follow_bend()
             if entry.topic is not TRACE_TOPIC and not (is_event and cycle.name == TORCH_EVENT):
                 yield entry.time, entry.topic, cycle
             continue
