@@ -22,6 +22,7 @@ from tjscan.crawler.torch_axes import TorchAxes, TorchJog
 from tjscan.crawler.torch_trace import TRACED_PHASES, TorchTracer
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
+from tjscan.power.source import PowerSource
 from tjscan.recording.journal import Journal, RunEvent
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle
@@ -84,6 +85,8 @@ class CrawlDevices:
         What a person adds to the torch's path; nothing if left out.
     laser_to_torch : float, optional
         How far the laser's line is ahead of the torch, metres.
+    power : PowerSource, optional
+        Of the arc; without, the torch has one of its own.
     """
 
     vehicle: Vehicle
@@ -94,6 +97,7 @@ class CrawlDevices:
     tracks: TrackGeometry = field(default_factory=TrackGeometry)
     jog: TorchJog = field(default_factory=lambda: TorchJog(0.0))
     laser_to_torch: float = 0.5
+    power: PowerSource | None = None
 
 
 class JointSensor:
@@ -171,6 +175,13 @@ class JointSensor:
         return abs(clock() - profile.time) - profile.time_uncertainty
 
 
+class JointLook(Protocol):
+    """Receives what the laser shows of the joint."""
+
+    def see(self, cycle: CrawlCycle, placement: JointPlacement) -> None:
+        """Take in a cycle, and where the joint is in its profile."""
+
+
 class ControlCycle:
     """The cycles of one crawl, and what they go on from.
 
@@ -182,6 +193,8 @@ class ControlCycle:
         Which estimates and steers.
     guards : Guards
     journal : Journal
+    look : JointLook, optional
+        Receives every profile in which the joint was read.
 
     Attributes
     ----------
@@ -196,6 +209,8 @@ class ControlCycle:
         is no way along it.
     arc : bool
         Whether the arc burns.
+    speed : float
+        Along the joint as last measured, m/s.
     deviation : float
         Of the torch from its path, as estimated, metres.
     bend_found : bool
@@ -205,10 +220,15 @@ class ControlCycle:
     """
 
     def __init__(
-        self, devices: CrawlDevices, method: FollowingMethod, guards: Guards, journal: Journal
+        self,
+        devices: CrawlDevices,
+        method: FollowingMethod,
+        guards: Guards,
+        journal: Journal,
+        look: JointLook | None = None,
     ) -> None:
         self._devices, self._method, self._guards = devices, method, guards
-        self._journal = journal
+        self._journal, self._look, self.speed = journal, look, 0.0
         self.joint = JointSensor(devices, journal)
         self._watch, self._tracer = ContradictionWatch(devices.tracks), TorchTracer(method)
         self._time: float | None = None
@@ -289,6 +309,7 @@ class ControlCycle:
             if period > 0:
                 misfits = method.move(state, period, twist)
             self.travel += state.odometry.speed * period
+        self.speed = state.odometry.speed
 
         profile, reading = self.joint.look(self.travel)
         d, d_sigma, surprise = nan, nan, None
@@ -317,6 +338,8 @@ class ControlCycle:
         )
         self.deviation = cycle.deviation
         self._journal.record(cycle)
+        if self._look is not None and reading is not None:
+            self._look.see(cycle, reading)
         if self.arc:
             self._tracer.add(self.number, self.travel, torch_y - path)
         unread_in_view = reading is None and self._guards.surely_in_view(method.laser)

@@ -30,6 +30,7 @@ class Event(StrEnum):
     WELD_CONFIRMED = "weld confirmed"
     PASS_WELDED = "pass welded"
     TORCH_NOT_KNOWN = "torch not known well enough"
+    JOINT_NOT_SEEN = "joint not seen well enough"
     PASSES_LEFT = "at the start, passes left"
     ALL_WELDED = "at the start, all welded"
     DANGER = "guard or operator"
@@ -45,6 +46,7 @@ PHASE_TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = MappingProxyType
         (Phase.READY, Event.WELD_CONFIRMED): Phase.WELDING,
         (Phase.WELDING, Event.PASS_WELDED): Phase.RETURN,
         (Phase.WELDING, Event.TORCH_NOT_KNOWN): Phase.RETURN,
+        (Phase.WELDING, Event.JOINT_NOT_SEEN): Phase.RETURN,
         (Phase.RETURN, Event.PASSES_LEFT): Phase.READY,
         (Phase.RETURN, Event.ALL_WELDED): Phase.MANUAL,
         (Phase.STOP, Event.CLEARED): Phase.MANUAL,

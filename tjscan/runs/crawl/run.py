@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import islice, pairwise, takewhile
+from itertools import count, islice, pairwise, takewhile
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,6 +41,7 @@ from tjscan.crawler.paper_joint import PaperJointReader
 from tjscan.crawler.paper_method import PaperMethod
 from tjscan.crawler.pass_record import PASS_END
 from tjscan.crawler.phases import Phase
+from tjscan.crawler.plan import PassSettings, with_rows
 from tjscan.crawler.sizing import broken_rules
 from tjscan.crawler.slip_aware import SlipAwareMethod
 from tjscan.crawler.slip_calibration import (
@@ -53,11 +54,13 @@ from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchJog
 from tjscan.crawler.torch_trace import TRACED_PHASES, TorchTracer
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, SimulatedWeld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.planning.wps import read_wps
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.journal import LOG_TOPIC, REPLAY_EVENT, Journal, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.topic import Topic
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
+from tjscan.runs.crawl.replan import CrawlPassPlanner
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (
     JobContext,
@@ -67,6 +70,7 @@ from tjscan.runs.run import (
     do_nothing,
     job_snapshot_of_file,
     make_vehicle_run_directory,
+    nobody_objects,
     record_vehicle_run,
 )
 from tjscan.vehicle.vehicle import DEAD_MAN_TIME
@@ -141,17 +145,52 @@ class CrawlContext(JobContext[CrawlJob]):
         Drives by hand before the crawl begins; none by default.
     jog : TorchJog
         Holds what a person adds to the torch's path; nothing by default.
+    arc : bool
+        Whether the power source that the job names may strike an arc.
+    ask : callable
+        Asks a person to strike an arc by hand, or to end it.
     """
 
     operator: WeldOperator = field(default_factory=AutomaticWeldOperator)
     hand: HandDrive | None = None
     jog: TorchJog = field(default_factory=lambda: TorchJog(0.0))
+    arc: bool = False
+    ask: Callable[[str], bool] = nobody_objects
 
     @property
     def calibration_file(self) -> Path | None:
         """The calibration that the job names, if it names one."""
         name = self.job.calibration
         return None if name is None else self.job_file.parent / name
+
+    @property
+    def wps_file(self) -> Path | None:
+        """The welding procedure specification that the job names, if it names one."""
+        name = self.job.weld.wps
+        return None if name is None else self.job_file.parent / name
+
+    def check_arc(self) -> None:
+        """Refuse an arc that was not asked for in the very command, or without a WPS to read.
+
+        Raises
+        ------
+        ConfigurationError
+            With what is missing.
+        """
+        if self.wps_file is not None:
+            read_wps(self.wps_file)
+        if self.job.power is not None and not self.arc:
+            raise ConfigurationError(
+                "names a power source, and it strikes no arc without --arc in the command: add it, "
+                "or leave [power] out",
+                key="power",
+            )
+
+    def make_planner(self) -> CrawlPassPlanner | None:
+        """Make what plans the passes; None if they are as the job states them."""
+        if not self.job.weld.layers or self.wps_file is None:
+            return None
+        return CrawlPassPlanner(self.job, read_wps(self.wps_file))
 
     @property
     def initial_slip(self) -> SlipEstimate:
@@ -188,6 +227,8 @@ def make_crawler(
     method: FollowingMethod,
     journal: Journal,
     reader: JointReader | None = None,
+    planner: CrawlPassPlanner | None = None,
+    passes: Sequence[PassSettings] = (),
 ) -> Crawler:
     """Make the crawler of a job in a cell whose devices are connected.
 
@@ -199,8 +240,14 @@ def make_crawler(
     journal : Journal
     reader : JointReader, optional
         Which remembers the joint already; one that has seen nothing if left out.
+    planner : CrawlPassPlanner, optional
+        Of the passes; they are as stated if left out.
+    passes : sequence of PassSettings, optional
+        In place of the job's: as those that were begun were planned.
     """
     job = context.job
+    if planner is not None and cell.world is not None:
+        planner.tell = cell.world.take_plan
     devices = CrawlDevices(
         cell.vehicle,
         cell.laser,
@@ -210,8 +257,9 @@ def make_crawler(
         job.vehicle.tracks,
         context.jog,
         job.vehicle.laser_to_torch,
+        cell.power,
     )
-    plan = CrawlPlan(job.alignment, job.weld, job.passes)
+    plan = CrawlPlan(job.alignment, job.weld, tuple(passes) or job.passes, planner)
     corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
     guards = Guards(job.guards, ProximityFilter(job.proximity), corners)
     return Crawler(devices, plan, method, guards, context.operator, journal, context.hand)
@@ -272,8 +320,11 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
         If the job is wrong, a guard stops the crawler or a device fails; the recording holds
         what happened until then, and the results are written from it.
     """
+    with add_file_to_errors(context.job_file):
+        context.check_arc()
+        planner = context.make_planner()
     cell, method = _prepare_crawl(context, directory)
-    _record_crawl(context, directory, cell, method)
+    _record_crawl(context, directory, cell, method, planner=planner)
 
 
 def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, FollowingMethod]:
@@ -281,7 +332,7 @@ def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, F
     with add_file_to_errors(context.job_file):
         check_sizing(context.job)
         method = context.make_method()
-        cell = make_crawl_cell(context.job)
+        cell = make_crawl_cell(context.job, ask=context.ask)
         make_vehicle_run_directory(directory, context)
     return cell, method
 
@@ -293,6 +344,8 @@ def _record_crawl(
     method: FollowingMethod,
     start: CrawlStart | None = None,
     reader: JointReader | None = None,
+    planner: CrawlPassPlanner | None = None,
+    passes: Sequence[PassSettings] = (),
 ) -> None:
     """Crawl, record, and write the results, however it ended.
 
@@ -307,6 +360,8 @@ def _record_crawl(
         Where an interrupted crawl left off.
     reader : JointReader, optional
         Which remembers the joint already.
+    planner, passes : optional
+        As of `make_crawler`.
     """
     record = partial(CrawlRecording, truth=cell.simulated_place)
     results = partial(write_crawl_results, job=context.job)
@@ -314,7 +369,7 @@ def _record_crawl(
         accept_edited_copies(directory, journal)
         if short := short_pass_warning(context.job, method.slip):
             journal.record(RunEvent(WARNING_EVENT, short))
-        make_crawler(context, cell, method, journal, reader).run(start)
+        make_crawler(context, cell, method, journal, reader, planner, passes).run(start)
 
 
 def resume_crawl(
@@ -367,19 +422,30 @@ def resume_crawl(
             )
         start = replace(start, travel=place, was_set_down=True)
         slip = slip_after_set_down(found, context.job, place)
+    passes = tuple(
+        one if planned is None else with_rows(one, planned.table)
+        for one, planned in zip(context.job.passes, map(found.planned.get, count(1)), strict=False)
+    )
     if found.places:
-        arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
-        welded = tuple((arc.min(), arc.max()) for arc in arcs)
-        left = InterruptedWorld(np.array(found.places[-1][1].pose_w), last.state.time, welded)
+        arcs = tuple((passes[number - 1], way) for number, way in found.true_arcs)
+        pose_w = np.array(found.places[-1][1].pose_w)
+        left = InterruptedWorld(pose_w, last.state.time, arcs, start.passes_done)
     with add_file_to_errors(context.job_file):
         check_sizing(context.job)
-        cell = make_crawl_cell(context.job, left)
+        context.check_arc()
+        cell = make_crawl_cell(context.job, left, context.ask)
+        planner = context.make_planner()
     method, reader = context.make_method(slip), context.make_reader()
     context.jog.move(last.jog)
+    readings = []
     for cycle, profile in found.profiles:
         with suppress(GrooveNotFound):
-            reader.read(profile, cycle.travel)
-    _record_crawl(context, directory, cell, method, start, reader)
+            readings.append((cycle, reader.read(profile, cycle.travel)))
+    if planner is not None:
+        planner.replay(tuple(found.planned), readings)
+        if cell.world is not None and start.arc_from > 0:
+            cell.world.take_plan(passes[start.passes_done])
+    _record_crawl(context, directory, cell, method, start, reader, planner, passes)
 
 
 def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
@@ -473,6 +539,7 @@ def _shuttle(context: CrawlContext, directory: Path, *, registers: bool = False)
         if context.job.method != "slip-aware":
             raise ConfigurationError("the paper's method learns no slip", key="method")
     cell, method = _prepare_crawl(context, directory)
+    cell = replace(cell, power=None)  # nothing is welded
     if cell.world is not None and isinstance(cell.world.torch, SimulatedTorchAxes):
         context = replace(context, operator=SeeingWeldOperator(cell.world, context.jog))
     record = partial(CrawlRecording, truth=cell.simulated_place)
