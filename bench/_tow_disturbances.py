@@ -425,6 +425,8 @@ def tow_past_visiting_obstacle(seed: int) -> tuple[int, bool, str, DisturbedTow]
 
     def hold_obstacle(world: TowingWorld, seen: SimulatedLocalisation) -> None:
         world.hold_passer_by(0, hold.at <= world.time < until)
+        if world.time >= until and world._walked[0] < hold.at:  # the cable was in its way
+            world._walked[0] = 2 * hold.at - world._walked[0]  # the same place, on its way back
 
     tow = tow_disturbed(job, hold_obstacle)
     ours = 0
