@@ -31,7 +31,13 @@ from tjscan.recording.journal import Journal, RunEvent
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, JOINT_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_finished_sections
 from tjscan.robot.arm import ArmState
-from tjscan.runs.run import JobContext, make_run_directory, record_vehicle_run
+from tjscan.runs.run import (
+    WPS_FILE,
+    JobContext,
+    make_run_directory,
+    nobody_objects,
+    record_vehicle_run,
+)
 from tjscan.runs.scan.run import ScanContext, result_frame_of_job, resume_scan, run_scan
 from tjscan.runs.weld import look as looking
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, WallClock, left_to_weld
@@ -53,6 +59,7 @@ from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
+from tjscan.welding.look import COLUMN_STEP, SurfaceLook
 from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
 from tjscan.welding.target import WeldTarget
@@ -60,8 +67,6 @@ from tjscan.welding.world import TorchTrace, WeldWorld
 
 SCAN_DIRECTORY: Final = "scan"
 """Of the scan, in a weld's run directory."""
-
-WPS_FILE: Final = "wps.toml"
 
 RAY_HEIGHT: Final = 60e-3
 """Above the sections' origins from which the true surface is sought, metres."""
@@ -89,11 +94,6 @@ class LookSchedule(StrEnum):
     LAYER = "layer"
     CAP = "cap"
     NONE = "none"
-
-
-def nobody_objects(question: str) -> bool:
-    """Whether a person agrees, in a simulation: always."""
-    return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -507,7 +507,7 @@ class Weld:
                 time,
                 seen.u,
                 seen.w.ravel(),
-                seen.sigma,
+                seen.sigma.ravel(),
                 seen.read.astype(float),
                 None if deviation is None else deviation.value,
                 None if deviation is None else deviation.sigma,
@@ -522,7 +522,7 @@ class Weld:
             journal.record(RunEvent("not read", what))
         return planner
 
-    def _take_look(self, seen: looking.SurfaceLook) -> WeldPlanner:
+    def _take_look(self, seen: SurfaceLook) -> WeldPlanner:
         if self.planner is None:
             tilt = self.world.state.tilt
             belief = WeldState.of_groove(self.stations.s, seen.u, seen.w, self.toes_u, tilt)
@@ -538,7 +538,7 @@ class Weld:
         self.weldable, self._laid = weldable, False
         return self.planner
 
-    def _scan_again(self) -> tuple[looking.SurfaceLook, float]:
+    def _scan_again(self) -> tuple[SurfaceLook, float]:
         """Go the way of the scan again over the groove as it now is."""
         context, settings = self.context.scan, self.context.job.weld
         state = self.world.state
@@ -570,7 +570,7 @@ class Weld:
 
 def _columns(toes_u: Array, margin: float) -> Array:
     low, high = float(toes_u[:, 0].min()) - margin, float(toes_u[:, 1].max()) + margin
-    return np.linspace(low, high, 1 + round((high - low) / looking.COLUMN_STEP))
+    return np.linspace(low, high, 1 + round((high - low) / COLUMN_STEP))
 
 
 def _tilt_of_gravity(stations: GrooveStations, gravity: Array) -> Array:
