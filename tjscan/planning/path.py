@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, cross, unit_vectors
@@ -49,6 +50,11 @@ class GrooveStations:
     up: Array
     corners: Array
     tangent: Array
+
+    def at(self, rows: NDArray[np.intp], s: Array) -> GrooveStations:
+        """Some of them, of a groove that closes once more at other lengths s."""
+        values = [getattr(self, f.name)[rows] for f in fields(self)]
+        return GrooveStations(s, *values[1:])
 
     def part(self, first: int, last: int) -> GrooveStations:
         """Those from one to another, both included."""
