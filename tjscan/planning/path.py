@@ -52,7 +52,7 @@ class GrooveStations:
     tangent: Array
 
     def at(self, rows: NDArray[np.intp], s: Array) -> GrooveStations:
-        """Some of them, of a groove that closes once more at other lengths s."""
+        """Some of them, of a groove that closes a second time at other lengths s."""
         values = [getattr(self, f.name)[rows] for f in fields(self)]
         return GrooveStations(s, *values[1:])
 

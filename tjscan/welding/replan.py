@@ -30,7 +30,7 @@ from tjscan.welding.bead import BeadModel, column_widths, interpolate_rows, lay_
 from tjscan.welding.learning import ScalarFilter, WeldLearner
 from tjscan.welding.look import LEAST_COVER, check_look, resample_rows, see_closing
 from tjscan.welding.shrinkage import ShrinkageModel, close_groove
-from tjscan.welding.state import WeldState
+from tjscan.welding.state import Rows, WeldState
 from tjscan.welding.target import (
     WeldTarget,
     area_lost_by_closing,
@@ -174,7 +174,7 @@ class NextBead:
 
         return self._with_arrays(interpolated)
 
-    def part(self, rows: Mask) -> NextBead:
+    def part(self, rows: Rows) -> NextBead:
         """The same bead at some of its stations."""
         return self._with_arrays(lambda values: values[rows])
 
@@ -289,16 +289,18 @@ class WeldPlanner:
         return self._set_bead(layer, state, smooth[0], area)
 
     def for_arc(self, bead: NextBead, begin: float, end: float) -> NextBead:
-        """The bead as one arc of it is led: faster or slower where it starts and ends.
+        """The bead as one arc of it is led, which starts and ends at lengths along the groove.
 
-        Ignition adds metal, and in the crater some is missing: the speed makes up for both as far
-        as the WPS lets it.
+        Ignition adds metal, and in the crater some is missing: speed and feed make up for both as
+        far as the WPS lets them.
         """
         s = np.linspace(begin, end, 2 + round((end - begin) / ARC_STEP))
         fine = bead.at(s)
         shape = self.model.area_along_bead(s - begin, end - s)
-        limits = self._speed_limits(fine.feed, self._limits(bead.number))
-        return replace(fine, speed=np.clip(fine.speed * shape, *limits))
+        limits = self._limits(bead.number)
+        speed = np.clip(fine.speed * shape, *self._speed_limits(fine.feed, limits))
+        feed = np.clip(fine.feed * speed / (fine.speed * shape), *limits.wire_feed)
+        return replace(fine, speed=np.clip(speed, *self._speed_limits(feed, limits)), feed=feed)
 
     def area_of_arc(self, s: Array, ends: tuple[float, float], feed: Array, speed: Array) -> Array:
         """Area that wire and speed give along an arc, with its ignition and its crater, m².
