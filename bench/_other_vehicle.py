@@ -28,9 +28,10 @@ from tjscan.core.devices import DriverFactory, LocalDevice, NoSettings
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.crawler.joint_tracking.registration import JointPlacement
-from tjscan.laser.drivers import LaserDriverFactory
+from tjscan.job.crawl.job import TORCH_DRIVERS
+from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverFactory
 from tjscan.laser.profile import Profile
-from tjscan.vehicle.drivers import VehicleDriverFactory
+from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverFactory
 from tjscan.vehicle.vehicle import LocalVehicle, Twist, VehicleState
 
 NAME: Final = "other"
@@ -554,6 +555,8 @@ def _register() -> TemporaryDirectory[str]:
     about = "Name: other-crawler\nVersion: 1\nLicense-Expression: BSD-3-Clause\n"
     (package / "METADATA").write_text(about, encoding="utf-8")
     sys.path.append(folder.name)
+    for registry in (VEHICLE_DRIVERS, LASER_DRIVERS, TORCH_DRIVERS):
+        registry.__dict__.pop("_entries", None)  # may have been looked up before
     return folder
 
 

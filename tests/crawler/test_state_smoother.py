@@ -16,7 +16,7 @@ from tjscan.runs.crawl.run import CrawlContext, run_crawl
 def test_it_equals_the_smoother_of_rauch_tung_and_striebel() -> None:
     rng, n, steps = np.random.default_rng(5), 4, 60
     x, P, Q = np.zeros(n), np.eye(n), 0.01 * np.eye(n)
-    smoother = StateSmoother(n)
+    smoother = StateSmoother()
     filtered, predicted, moves = [], [], []
     for _ in range(steps):
         F = np.eye(n) + 0.1 * rng.standard_normal((n, n))
@@ -31,17 +31,17 @@ def test_it_equals_the_smoother_of_rauch_tung_and_striebel() -> None:
         x, P = x + gain * off, P - np.outer(gain, H @ P)
         filtered.append((x, P))
         if len(filtered) % 7 == 1:
-            smoother.keep(x, P)
+            smoother.keep(x, P, np.eye(n)[2])
     smoothed = [filtered[-1]]
     for k in reversed(range(steps - 1)):
         (xf, Pf), (xp, Pp), (xs, Ps) = filtered[k], predicted[k + 1], smoothed[-1]
         C = Pf @ moves[k + 1].T @ np.linalg.inv(Pp)
         smoothed.append((xf + C @ (xs - xp), Pf + C @ (Ps - Pp) @ C.T))
     smoothed.reverse()
-    values, sigmas = smoother.smooth(2)
+    values, sigmas = smoother.smooth()
     np.testing.assert_allclose(values, [x[2] for x, _ in smoothed[::7]], atol=1e-9)
     np.testing.assert_allclose(sigmas, [P[2, 2] ** 0.5 for _, P in smoothed[::7]], rtol=1e-7)
-    assert not len(smoother.smooth(2)[0])  # forgotten
+    assert not len(smoother.smooth()[0])  # forgotten
 
 
 def test_log_table_and_report_state_where_the_torch_was(tmp_path: Path) -> None:

@@ -55,12 +55,20 @@ def test_laser_sees_the_bead_and_the_plates_beyond() -> None:
     assert np.nanmin(seen - welded) > -0.3e-3  # nothing sinks but the side that comes nearer
 
 
-def test_arc_of_no_length_leaves_nothing_and_an_interrupted_one_is_laid_again() -> None:
-    weld = CrawlWeld(JOINT, SimulatedWeldSettings(), 1)
+def test_arc_of_no_length_leaves_nothing_and_one_of_fewer_samples_the_same() -> None:
+    """An interrupted crawl has every tenth sample, and goes on in the same metal."""
+    faults = SimulatedWeldSettings(slip=0.03, wander=0.4e-3, width_sigma=0.05)
+    weld, again = (CrawlWeld(JOINT, faults, 1) for _ in range(2))
     weld.burn(0.0, 0.05, 0.0)
     weld.end_arc(PASS)
     assert not weld.metal.state.metal_area.any()
-    weld.lay_again(PASS, 0.0, 0.06)
+    for one, every in ((weld, 1), (again, 10)):
+        for begin in (0.0, 0.01):
+            for time in np.arange(0.0, 15.0, 0.01)[::every].tolist():
+                swing = 1.5e-3 * np.sin(np.pi * time)
+                one.burn(time, begin + 4e-3 * time, 0.5e-3 + float(swing))
+            one.end_arc(PASS)
     laid = weld.metal.state.metal_area > 0
     assert laid[5:25].all()
-    assert not laid[35:].any()
+    assert not laid[40:].any()
+    np.testing.assert_allclose(again.metal.state.w, weld.metal.state.w, atol=0.15e-3)

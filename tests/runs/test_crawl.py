@@ -167,7 +167,7 @@ def test_a_report_says_what_was_not_welded_and_what_was_cut_off(cut_short: Path)
 def moved_by_hand(monkeypatch: pytest.MonkeyPatch, *by: float) -> None:
     """Let a vehicle that goes on stand elsewhere, by x, y in metres and an angle."""
 
-    def make_moved_cell(job: CrawlJob, left: InterruptedWorld) -> CrawlCell:
+    def make_moved_cell(job: CrawlJob, left: InterruptedWorld, *rest: object) -> CrawlCell:
         return make_crawl_cell(job, replace(left, pose_w=left.pose_w + np.array(by)))
 
     monkeypatch.setattr("tjscan.runs.crawl.run.make_crawl_cell", make_moved_cell)

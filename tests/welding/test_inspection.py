@@ -17,6 +17,7 @@ from tjscan.welding.inspection import (
     measure_weld,
     read_limits,
 )
+from tjscan.welding.look import UNSEEN_SIGMA
 from tjscan.welding.state import WeldState
 from tjscan.welding.target import WeldTarget
 
@@ -95,3 +96,28 @@ def test_a_tee_has_a_throat_and_no_misalignment() -> None:
     )
     (row,) = inspect_weld(measures, table, 12e-3)
     assert row.state == "beyond"
+
+
+def test_a_measure_has_the_sigma_of_the_columns_it_is_made_of() -> None:
+    state = capped(2e-3)
+    sigma = np.full(state.w.shape, 0.02e-3)
+    sigma[:, :3] = UNSEEN_SIGMA  # of the plate's margin: no measure is made of it
+    found, one_sigma = (
+        measure_weld(state, state.u, state.w, each, EVERYWHERE, butt=True)
+        for each in (sigma, SIGMA)
+    )
+    for name, values in one_sigma.values.items():
+        assert found.values[name] == pytest.approx(values, abs=1e-12)
+        assert found.sigmas[name] == pytest.approx(one_sigma.sigmas[name], rel=1e-6)
+    toe = state.toe_points[:, 0, :1]
+    beside = (state.u > toe - 1.5e-3) & (state.u < toe + 1.5e-3)
+    unsure = measure_weld(
+        state, state.u, state.w, np.where(beside, 0.1e-3, 0.02e-3), EVERYWHERE, butt=True
+    )
+    assert unsure.sigmas["excess"] == pytest.approx(one_sigma.sigmas["excess"])
+    outside = (state.u > toe - 1.5e-3) & (state.u < toe)
+    unseen = measure_weld(
+        state, state.u, state.w, np.where(outside, UNSEEN_SIGMA, 0.02e-3), EVERYWHERE, butt=True
+    )
+    assert np.isnan(unseen.values["undercut"]).all()  # what no profile shows is not measured
+    assert unseen.sigmas["excess"] == pytest.approx(one_sigma.sigmas["excess"])

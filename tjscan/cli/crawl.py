@@ -47,6 +47,7 @@ def run(
     method: str | None = None,
     calibration: Path | None = None,
     again: CrawlResumeOptions | None = None,
+    arc: bool = False,
     json: bool = False,
     page: LiveCrawlOptions | None = None,
 ) -> None:
@@ -66,6 +67,8 @@ def run(
         How to follow the joint: slip-aware, or paper, as Kermorgant (2018) printed it.
     calibration
         File of ``tjscan crawl calibrate``; the one of the job if left out.
+    arc
+        Let the power source that the job names strike arcs.
     json
         Print the passes as JSON on stdout.
     """
@@ -90,7 +93,7 @@ def run(
     from tjscan.runs.crawl.run import resume_crawl, run_crawl
 
     directory = file.parent if again.resume else out or default_run_directory(file)
-    with watch_crawl(parsed, file, page) as context:
+    with watch_crawl(parsed, file, page, arc=arc) as context:
         if again.resume:
             place = None if again.place is None else 1e-3 * again.place
             resume_crawl(context, 1e-3 * again.overlap, place)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from math import isfinite
-from typing import Final
+from statistics import fmean
+from typing import Any, Final
+
+from tjscan.core.units import FileUnit
 
 
 class NumberSource(StrEnum):
@@ -50,3 +54,27 @@ class SourcedNumber:
 
 ABSENT_NUMBER: Final = SourcedNumber(None, NumberSource.ABSENT)
 """A number that no one gave."""
+
+
+def mean_of_numbers(
+    numbers: Sequence[SourcedNumber], of: Callable[[list[float]], float] = fmean
+) -> SourcedNumber:
+    """Mean, or another function, of numbers of one source; absent if one of them is."""
+    values = [one.value for one in numbers if one.value is not None]
+    if not numbers or len(values) < len(numbers):
+        return ABSENT_NUMBER
+    return SourcedNumber(float(of(values)), numbers[0].source)
+
+
+def value_entry(value: float | None, source: NumberSource, unit: FileUnit) -> dict[str, Any]:
+    """A number as a log has it; None is absent, whatever its source would be."""
+    return number_entry(
+        ABSENT_NUMBER if value is None else SourcedNumber(float(value), source), unit
+    )
+
+
+def number_entry(number: SourcedNumber, unit: FileUnit) -> dict[str, Any]:
+    """A number as a log has it: with its unit and its source."""
+    shown = number.in_unit(unit.factor)
+    value = None if shown.value is None else float(f"{shown.value:.6g}")
+    return {"value": value, "unit": unit.suffix, "source": str(number.source)}

@@ -132,6 +132,7 @@ class ListOrWordInFile:
         return _accept_lists_and_words(schema)  # type: ignore[no-any-return]
 
 
+NO_UNIT: Final = FileUnit("")
 MM: Final = FileUnit("mm", 1e-3)
 MM2: Final = FileUnit("mm2", 1e-6)
 MM_S: Final = FileUnit("mm_s", 1e-3)

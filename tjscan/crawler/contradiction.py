@@ -7,7 +7,7 @@ each reading what the estimate expects, each picture the ones before, gyro and i
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import exp, inf
 from typing import Final
@@ -93,6 +93,9 @@ LARGEST_UNSEEN_SHIFT: Final = 1e-3
 MOST_COUNTED_HEIGHT, LEAST_GAIN_BY_SHIFT = 2e-3, 0.1e-3
 """Metres: heights between pictures count as no more, for light of the arc; and by how much their
 mean must be less for a shift to be seen."""
+
+TURNING_GUARDS: Final = ("encoder", "slip")
+"""Guards that blame the tracks for what may be a bend of the joint."""
 
 SURPRISES_KEPT, JUMP_SHARE = 50, 0.5
 """Readings that show whether one jumped, and the share of what they are off by that is one jump."""
@@ -398,7 +401,8 @@ class ContradictionWatch:
         surprise: float | None,
         *,
         filled: bool = False,
-    ) -> None:
+        follow_bend: Callable[[], bool] | None = None,
+    ) -> bool:
         """Take in a cycle.
 
         Parameters
@@ -413,6 +417,13 @@ class ContradictionWatch:
             estimate's own uncertainty does not explain it; None if there is none.
         filled : bool, optional
             Whether the picture shows even steel: it can't show whether it moved.
+        follow_bend : callable, optional
+            Takes the joint for one that bends here, and returns whether it does.
+
+        Returns
+        -------
+        bool
+            Whether the joint is taken for one that bends here, from now on.
 
         Raises
         ------
@@ -433,25 +444,29 @@ class ContradictionWatch:
             )
         if late:
             self._forget_ways(commanded)
-            return
+            return False
         self._wheels.add(commanded, shown, period)
         if surprise is None:
             if not filled:
                 self._check_unread(profile)
-            return
+            return False
         self._surprises.append(surprise)
         sudden, lasting = self._readings.add(surprise, max(way, LEAST_WAY_PER_READING))
         self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
         if (sudden or lasting) and self._doubt is None:
-            self._doubt = self._contradiction(surprise, shown.speed, profile)
+            doubt = self._contradiction(surprise, shown.speed, profile)
+            if follow_bend is not None and doubt.guard in TURNING_GUARDS and follow_bend():
+                self._forget_ways(commanded)
+                return True
+            self._doubt = doubt
             self._settle_doubt(0.0)
+        return False
 
     def _settle_doubt(self, period: float) -> None:
         """Blame the tracks if the gyro turns otherwise; if it turns as they do, the joint bends."""
         self._doubted_time += period if self._doubt else 0.0
         if self._doubt and (
-            self._doubt.guard not in ("encoder", "slip")
-            or self.inertial.turn_misfit > BENDING_MISFIT
+            self._doubt.guard not in TURNING_GUARDS or self.inertial.turn_misfit > BENDING_MISFIT
         ):
             raise self._doubt
         if self._doubted_time > INERTIAL_MEAN_TIME:

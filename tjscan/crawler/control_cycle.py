@@ -15,13 +15,14 @@ from tjscan.crawler.contradiction import ContradictionWatch
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sections import shows_filled_joint
 from tjscan.crawler.joint_tracking.registration import JointPlacement
-from tjscan.crawler.journal import TORCH_EVENT, CrawlCycle, is_by_hand
+from tjscan.crawler.journal import BEND_EVENT, TORCH_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
 from tjscan.crawler.torch_axes import TorchAxes, TorchJog
 from tjscan.crawler.torch_trace import TRACED_PHASES, TorchTracer
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
+from tjscan.power.source import PowerSource
 from tjscan.recording.journal import Journal, RunEvent
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle
@@ -84,6 +85,8 @@ class CrawlDevices:
         What a person adds to the torch's path; nothing if left out.
     laser_to_torch : float, optional
         How far the laser's line is ahead of the torch, metres.
+    power : PowerSource, optional
+        Of the arc; without, the torch has one of its own.
     """
 
     vehicle: Vehicle
@@ -94,6 +97,7 @@ class CrawlDevices:
     tracks: TrackGeometry = field(default_factory=TrackGeometry)
     jog: TorchJog = field(default_factory=lambda: TorchJog(0.0))
     laser_to_torch: float = 0.5
+    power: PowerSource | None = None
 
 
 class JointSensor:
@@ -171,6 +175,13 @@ class JointSensor:
         return abs(clock() - profile.time) - profile.time_uncertainty
 
 
+class JointLook(Protocol):
+    """Receives what the laser shows of the joint."""
+
+    def see(self, cycle: CrawlCycle, placement: JointPlacement) -> None:
+        """Take in a cycle, and where the joint is in its profile."""
+
+
 class ControlCycle:
     """The cycles of one crawl, and what they go on from.
 
@@ -182,6 +193,8 @@ class ControlCycle:
         Which estimates and steers.
     guards : Guards
     journal : Journal
+    look : JointLook, optional
+        Receives every profile in which the joint was read.
 
     Attributes
     ----------
@@ -196,23 +209,33 @@ class ControlCycle:
         is no way along it.
     arc : bool
         Whether the arc burns.
+    speed : float
+        Along the joint as last measured, m/s.
     deviation : float
         Of the torch from its path, as estimated, metres.
+    bend_found : bool
+        Whether the joint was found to bend, so that it has to align again.
     all_welded : bool
         Whether nothing is left to weld: the joint need not be seen then.
     """
 
     def __init__(
-        self, devices: CrawlDevices, method: FollowingMethod, guards: Guards, journal: Journal
+        self,
+        devices: CrawlDevices,
+        method: FollowingMethod,
+        guards: Guards,
+        journal: Journal,
+        look: JointLook | None = None,
     ) -> None:
         self._devices, self._method, self._guards = devices, method, guards
-        self._journal = journal
+        self._journal, self._look, self.speed = journal, look, 0.0
         self.joint = JointSensor(devices, journal)
         self._watch, self._tracer = ContradictionWatch(devices.tracks), TorchTracer(method)
         self._time: float | None = None
         self._states_at_one_time = 0
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
+        self.bend_found = False
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
@@ -286,6 +309,7 @@ class ControlCycle:
             if period > 0:
                 misfits = method.move(state, period, twist)
             self.travel += state.odometry.speed * period
+        self.speed = state.odometry.speed
 
         profile, reading = self.joint.look(self.travel)
         d, d_sigma, surprise = nan, nan, None
@@ -314,6 +338,8 @@ class ControlCycle:
         )
         self.deviation = cycle.deviation
         self._journal.record(cycle)
+        if self._look is not None and reading is not None:
+            self._look.see(cycle, reading)
         if self.arc:
             self._tracer.add(self.number, self.travel, torch_y - path)
         unread_in_view = reading is None and self._guards.surely_in_view(method.laser)
@@ -321,7 +347,16 @@ class ControlCycle:
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:
-            self._watch.add(twist, state.odometry, period, profile, surprise, filled=filled)
+            aligns = self.phase in (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT)
+            self.bend_found |= self._watch.add(
+                twist,
+                state.odometry,
+                period,
+                profile,
+                surprise,
+                filled=filled,
+                follow_bend=self._follow_bend if aligns else None,
+            )
             self._watch.inertial.add(state, misfits, period)
         if self.phase is not Phase.MANUAL:
             self._guards.watch_joint(
@@ -332,6 +367,15 @@ class ControlCycle:
                 filled=filled,
             )
         return period, reading is not None
+
+    def _follow_bend(self) -> bool:
+        """Let the method take the joint for one that bends here; see `FollowingMethod`."""
+        if not self._method.follow_bend():
+            return False
+        ahead = self.travel + self._devices.laser_to_torch
+        where = f"the joint may bend about {1e3 * ahead:.0f} mm: it aligns again"
+        self._journal.record(RunEvent(BEND_EVENT, where))
+        return True
 
     def _period_until(self, time: float) -> float:
         """Seconds since the last state; none if it was at rest, and an operator was waited for."""

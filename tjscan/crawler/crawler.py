@@ -12,13 +12,20 @@ import numpy as np
 
 from tjscan.core.bead_segments import BeadSegments
 from tjscan.core.errors import CrawlStopped
-from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices, HandDrive, drive_by_hand
+from tjscan.crawler.arc import CrawlArc
+from tjscan.crawler.control_cycle import (
+    ControlCycle,
+    CrawlDevices,
+    HandDrive,
+    JointLook,
+    drive_by_hand,
+)
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sections import LastView
-from tjscan.crawler.journal import SET_DOWN_EVENT
+from tjscan.crawler.journal import SET_DOWN_EVENT, PlannedPass
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
-from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings
+from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings, with_rows
 from tjscan.recording.journal import Journal, event_recorder
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
@@ -34,6 +41,9 @@ MOST_RUN_UPS: Final = 6
 STRIKING_SHARE, GAINING_SHARE = 0.25, 0.8
 """Share of the standard deviation at which a weld is stopped to which the torch is known before it
 begins, unless another run-up left more than the other share of what it was: 0.15 of 0.6 mm."""
+
+LONGEST_UNREAD_STRETCH: Final = 20e-3
+"""Metres of a weld that no profile shows, from which a pass is not planned but looked for again."""
 
 MOST_OFFSET_AT_REVERSAL: Final = 3e-3
 """Metres that the torch is off the joint at most where only a reversal can show more."""
@@ -58,6 +68,22 @@ class WeldOperator(Protocol):
         """Whether the torch, as it was jogged, points at the middle of the joint."""
 
 
+class PassPlanner(JointLook, Protocol):
+    """Plans each pass at *ready* from what the way back showed."""
+
+    def unread_stretch(self) -> float:
+        """The longest stretch of the weld that was not seen since the last pass, metres."""
+
+    def plan_pass(self, number: int) -> PlannedPass:
+        """Plan a pass from what was seen since the one before.
+
+        Raises
+        ------
+        LookRefused
+            If that can't be this joint as it is now.
+        """
+
+
 @dataclass(frozen=True, slots=True)
 class CrawlPlan:
     """What is to be done.
@@ -68,11 +94,14 @@ class CrawlPlan:
     weld : WeldSettings
     passes : tuple of PassSettings
         In their order.
+    planner : PassPlanner, optional
+        Of the passes' rows; without, they are as stated.
     """
 
     alignment: AlignmentSettings
     weld: WeldSettings
     passes: tuple[PassSettings, ...]
+    planner: PassPlanner | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +159,9 @@ class Crawler:
         self._devices, self._plan, self._method = devices, plan, method
         self._guards, self._operator, self._hand = guards, operator, hand
         self._report = event_recorder(journal)
-        self._cycle = ControlCycle(devices, method, guards, journal)
+        self._cycle = ControlCycle(devices, method, guards, journal, plan.planner)
+        power, weld, self._journal = devices.power, plan.weld, journal
+        self._arc = CrawlArc(self._cycle, devices.torch, power, weld.arc, journal, weld.height)
 
     def run(self, start: CrawlStart | None = None) -> None:
         """Align, and weld every pass that is left.
@@ -211,7 +242,7 @@ class Crawler:
             with ExitStack() as stack:  # each is done, whatever the others raise
                 stack.callback(self._cycle.enter, Event.DANGER, reason)
                 stack.callback(self._devices.vehicle.stop)
-                stack.callback(self._devices.torch.set_arc, burning=False)
+                stack.callback(self._arc.put_out)
             raise
 
     def _drive_in_waves(self, speed: float) -> None:
@@ -235,9 +266,7 @@ class Crawler:
         self._wait_for_joint()
         if resumed is None:
             cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
-            self._align_forward(home)
-            cycle.enter(Event.ALIGNED, "the torch is above the joint")
-            self._go_back(home)
+            self._align(home)
             cycle.enter(Event.AT_START, "back at the start")
         else:
             if start.last_view is not None:
@@ -248,7 +277,9 @@ class Crawler:
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
             cycle.enter(Event.PASSES_LEFT, where)
         for number in range(start.passes_done + 1, len(self._plan.passes) + 1):
-            self._weld_pass(number, start.arc_from if number == start.passes_done + 1 else 0.0)
+            cycle.number = number
+            goes_on = start.arc_from if number == start.passes_done + 1 else 0.0
+            self._weld_pass(self._plan_pass(number, cut_short=goes_on > 0), goes_on)
             left = len(self._plan.passes) - number
             cycle.all_welded = not left
             self._go_back(home)
@@ -267,6 +298,24 @@ class Crawler:
                 missing = "steel below every corner" if seen >= limit else "the joint in view"
                 self._report(str(self._cycle.phase), f"waits for {missing}")
             waited += period
+
+    def _align(self, home: float) -> None:
+        """Go out and back; again where the way back shows that the joint bends.
+
+        A bend is only one if all readings since it was found fit a joint that bends there.
+        """
+        cycle = self._cycle
+        while True:
+            self._align_forward(home)
+            cycle.bend_found = False
+            cycle.enter(Event.ALIGNED, "the torch is above the joint")
+            cycle.come_to_rest()
+            while cycle.travel > home and not cycle.bend_found:
+                self._drive_back(home)
+            if not cycle.bend_found:
+                return
+            cycle.enter(Event.JOINT_BENDS, "the joint bends")
+            cycle.come_to_rest()
 
     def _align_forward(self, home: float) -> None:
         """Go forward until the torch is above the joint, and known to be."""
@@ -293,29 +342,69 @@ class Crawler:
     def _go_back(self, place: float) -> None:
         """Go backward to a place along the joint."""
         self._cycle.come_to_rest()
-        while (left := self._cycle.travel - place) > 0:
-            self._cycle.drive(-self._plan.alignment.return_speed, turns_back=left < TURN_BACK_WAY)
+        while self._cycle.travel > place:
+            self._drive_back(place)
 
-    def _weld_pass(self, number: int, arc_from: float) -> None:
+    def _drive_back(self, place: float) -> None:
+        """Drive one cycle backward, towards a place at which it turns."""
+        turns_back = self._cycle.travel - place < TURN_BACK_WAY
+        self._cycle.drive(-self._plan.alignment.return_speed, turns_back=turns_back)
+
+    def _plan_pass(self, number: int, *, cut_short: bool) -> PassSettings:
+        """A pass as it is to be welded: planned from what was seen, or as it is stated.
+
+        One that was cut short goes on as it was begun.
+        """
+        one, planner = self._plan.passes[number - 1], self._plan.planner
+        if planner is None or cut_short:
+            return one
+        if planner.unread_stretch() > LONGEST_UNREAD_STRETCH:
+            self._look_along(number)
+        if (unread := planner.unread_stretch()) > LONGEST_UNREAD_STRETCH:
+            raise CrawlStopped(
+                "not seen", f"{1e3 * unread:.0f} mm of the weld were not read, and not planned"
+            )
+        planned = planner.plan_pass(number)
+        self._journal.record(planned)
+        return with_rows(one, planned.table)
+
+    def _look_along(self, number: int) -> None:
+        """Go along the weld and back with the arc out, to see it all."""
+        self._confirm_weld()
+        self._cycle.enter(Event.WELD_CONFIRMED, f"looks at the whole weld before pass {number}")
+        while self._cycle.travel < self._plan.weld.length:
+            self._cycle.drive(self._plan.alignment.speed)
+        self._cycle.enter(Event.JOINT_NOT_SEEN, "goes back, to see the weld")
+        self._go_back(-self._plan.weld.run_up)
+        self._cycle.enter(Event.PASSES_LEFT, f"back at the start, before pass {number}")
+
+    def _weld_pass(self, one: PassSettings, arc_from: float) -> None:
         """Go along the joint with the arc burning where the weld is."""
-        one, end = self._plan.passes[number - 1], self._plan.weld.length
-        self._cycle.number, table = number, one.table
-        self._run_up_to_strike(table.at(np.array(arc_from)), arc_from)
+        end, table = self._plan.weld.length, one.table
+        first = table.at(np.array(arc_from))
+        self._run_up_to_strike(first, arc_from)
+        self._guards.watch_weld(self._cycle.deviation, self._method.torch.sigma)
+        self._arc.strike(first)
         burning = 0.0
         while self._cycle.travel < end:
             cycle, sigma = self._cycle, self._method.torch.sigma
             self._guards.watch_weld(cycle.deviation, sigma, burning=cycle.arc)
-            if not self._cycle.arc:
-                self._cycle.set_arc(burning=True)
-            here = table.at(np.array(self._cycle.travel))
+            here = table.at(np.array(cycle.travel))
             swing = float(here.weave)
             if one.edge_gap is not None:
-                width = self._cycle.joint.width_at(self._cycle.travel)
+                width = cycle.joint.width_at(cycle.travel)
                 swing = max(width / 2 - one.edge_gap, 0.0)
             path = float(here.offset) + swing * one.swing(burning)
-            burning += self._cycle.drive(float(here.speed), path, float(here.height))
-        self._cycle.set_arc(burning=False)
-        self._cycle.enter(Event.PASS_WELDED, f"pass {number} is welded")
+            height = float(here.height) + self._arc.advance(here)
+            burning += cycle.drive(float(here.speed), path, height)
+        self._arc.end(table.at(np.array(end)))
+        self._cycle.enter(Event.PASS_WELDED, f"pass {self._cycle.number} is welded")
+
+    def _confirm_weld(self, path: float = 0.0, height: float = 0.0) -> None:
+        """Wait for the operator at rest: he takes his time, and no guard looks meanwhile."""
+        self._cycle.come_to_rest()
+        while not self._operator.confirm_weld(self._cycle.number):
+            self._cycle.come_to_rest(path, height)
 
     def _run_up_to_strike(self, first: BeadSegments, arc_from: float) -> None:
         """Come to where the arc is to be struck; again if the torch is not known there.
@@ -326,9 +415,7 @@ class Crawler:
         speed, path, height = (float(x) for x in (first.speed, first.offset, first.height))
         before = inf
         for left in reversed(range(MOST_RUN_UPS)):
-            self._cycle.come_to_rest()  # an operator takes his time, and no guard looks meanwhile
-            while not self._operator.confirm_weld(self._cycle.number):
-                self._cycle.come_to_rest(path, height)
+            self._confirm_weld(path, height)
             self._cycle.come_to_rest(path, height)
             self._cycle.enter(
                 Event.WELD_CONFIRMED, f"pass {self._cycle.number} at {1e3 * speed:g} mm/s"

@@ -11,9 +11,11 @@ from typing import Any, Final
 
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
+from tjscan.core.bead_segments import BeadSegments
 from tjscan.core.errors import RecordingError
-from tjscan.core.frames import FloatOrNan
+from tjscan.core.frames import Array, FloatOrNan, array_dataclass
 from tjscan.core.signals import delay_ctrl_c
+from tjscan.core.sourced import SourcedNumber
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
@@ -118,6 +120,71 @@ class SimulatedPlace:
     torch: tuple[float, ...]
 
 
+@array_dataclass
+class PlannedPass:
+    """A pass as it was planned at *ready* from what the way back showed.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    unread : float
+        Share of the weld that the look did not show, where the bead model goes on.
+    gain, torch_offset, shrinkage : float
+        What looks taught until then: deposition over what wire and speed give, where the wire
+        points beside the torch, metres, and shrinkage over that of the model.
+    deviation, deviation_sigma : float or None
+        Of the wire from the last pass's path, to the right, as the look shows it, and its standard
+        deviation, metres; None if it does not show it.
+    s, speed, offset, height, weave, feed : ndarray, shape (n,)
+        Rows along the weld; see `BeadSegments`.
+    """
+
+    number: int
+    unread: float
+    gain: float
+    torch_offset: float
+    shrinkage: float
+    deviation: float | None
+    deviation_sigma: float | None
+    s: Array
+    speed: Array
+    offset: Array
+    height: Array
+    weave: Array
+    feed: Array
+
+    @property
+    def table(self) -> BeadSegments:
+        """Its rows."""
+        return BeadSegments(self.s, self.speed, self.offset, self.height, self.weave, self.feed)
+
+
+@dataclass(frozen=True, slots=True)
+class ArcReading:
+    """What the power source reported while an arc burned.
+
+    Parameters
+    ----------
+    number : int
+        Of the pass, from 1.
+    travel : float
+        Along the weld, metres.
+    raised : float
+        By how much the current has the torch over the plan, metres.
+    current, voltage, feed, gas : SourcedNumber
+        A, V, m/s and m³/s.
+    """
+
+    number: int
+    travel: float
+    raised: float
+    current: SourcedNumber
+    voltage: SourcedNumber
+    feed: SourcedNumber
+    gas: SourcedNumber
+
+
 CRAWL_RECORDING: Final = "crawl"
 """What the names of a crawl's recordings begin with."""
 
@@ -147,13 +214,24 @@ PLACE_TOPIC: Final = Topic.of("/simulation/torch", SimulatedPlace)
 TRACE_TOPIC: Final = Topic.of("/crawl/torch", TorchTrace)
 """Where the torch was along a pass, once the way back is done, or it was stopped."""
 
+PLANNED_PASS_TOPIC: Final = Topic.of("/crawl/pass", PlannedPass)
+"""A pass that was planned from a look."""
+
+ARC_TOPIC: Final = Topic.of("/crawl/arc", ArcReading)
+"""The power source, every tenth cycle of an arc."""
+
 TORCH_EVENT: Final = "torch"
 """Name of the event that states the same in words."""
+
+BEND_EVENT: Final = "bend"
+"""Name of the event after which the joint is taken for one that bends."""
 
 CRAWL_TOPICS: Final[tuple[Topic[Any], ...]] = (
     CYCLE_TOPIC,
     PLACE_TOPIC,
     TRACE_TOPIC,
+    PLANNED_PASS_TOPIC,
+    ARC_TOPIC,
     PROFILE_TOPIC,
     LOG_TOPIC,
 )
@@ -191,6 +269,11 @@ class CrawlRecording(RecordingWriter):
                 self._add_cycle(message)
             case TorchTrace():
                 self.add(TRACE_TOPIC, message)
+            case ArcReading():
+                self.add(ARC_TOPIC, message)
+            case PlannedPass():
+                self.add(PLANNED_PASS_TOPIC, message)
+                self.flush()
             case RunEvent():
                 self.add_event(message)
                 if self._truth is not None and self._cycles:  # a place belongs to a cycle
@@ -243,7 +326,7 @@ def cycle_messages(time: int, cycle: CrawlCycle) -> Iterator[tuple[int, Topic[An
 
 def read_crawl(
     directory: Path,
-) -> Iterator[CrawlCycle | RunEvent | SimulatedPlace | TorchTrace]:
+) -> Iterator[CrawlCycle | RunEvent | SimulatedPlace | TorchTrace | PlannedPass | ArcReading]:
     """Yield everything that a crawl recorded, in its order, over all its parts.
 
     A cycle has the slip that was recorded last.

@@ -76,6 +76,18 @@ class FollowingMethod(Protocol):
             uncertainty does not explain it; None if the method can't state that.
         """
 
+    def follow_bend(self) -> bool:
+        """Take the joint for one that bends about where the laser sees it, and begin again.
+
+        All that was estimated is forgotten but where else it bends: the bend was taken for slip.
+
+        Returns
+        -------
+        bool
+            Whether it does so: not if it bends over too long a way, or the method knows straight
+            joints alone.
+        """
+
     def keep_state(self) -> None:
         """Keep what is estimated now, so that it is smoothed by what is measured later."""
 

@@ -185,6 +185,10 @@ class PaperMethod:
         self._d = d
         self._filter.read(d)
 
+    def follow_bend(self) -> bool:
+        """False; see `FollowingMethod.follow_bend`."""
+        return False
+
     def keep_state(self) -> None:
         """The paper smooths nothing."""
 

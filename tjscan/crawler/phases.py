@@ -26,9 +26,11 @@ class Event(StrEnum):
     JOINT_IN_VIEW = "joint in view"
     ALIGNED = "aligned"
     AT_START = "at the start"
+    JOINT_BENDS = "joint bends"
     WELD_CONFIRMED = "weld confirmed"
     PASS_WELDED = "pass welded"
     TORCH_NOT_KNOWN = "torch not known well enough"
+    JOINT_NOT_SEEN = "joint not seen well enough"
     PASSES_LEFT = "at the start, passes left"
     ALL_WELDED = "at the start, all welded"
     DANGER = "guard or operator"
@@ -39,10 +41,12 @@ PHASE_TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = MappingProxyType
     {
         (Phase.MANUAL, Event.JOINT_IN_VIEW): Phase.FORWARD_ALIGNMENT,
         (Phase.FORWARD_ALIGNMENT, Event.ALIGNED): Phase.BACKWARD_ALIGNMENT,
+        (Phase.BACKWARD_ALIGNMENT, Event.JOINT_BENDS): Phase.FORWARD_ALIGNMENT,
         (Phase.BACKWARD_ALIGNMENT, Event.AT_START): Phase.READY,
         (Phase.READY, Event.WELD_CONFIRMED): Phase.WELDING,
         (Phase.WELDING, Event.PASS_WELDED): Phase.RETURN,
         (Phase.WELDING, Event.TORCH_NOT_KNOWN): Phase.RETURN,
+        (Phase.WELDING, Event.JOINT_NOT_SEEN): Phase.RETURN,
         (Phase.RETURN, Event.PASSES_LEFT): Phase.READY,
         (Phase.RETURN, Event.ALL_WELDED): Phase.MANUAL,
         (Phase.STOP, Event.CLEARED): Phase.MANUAL,

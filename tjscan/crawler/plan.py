@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 import numpy as np
@@ -10,6 +10,7 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from tjscan.core.bead_segments import BeadSegments, weave_swing
 from tjscan.core.units import (
+    DEG,
     LIST_OR_WORD_IN_FILE,
     M_PER_MIN,
     MM,
@@ -18,6 +19,8 @@ from tjscan.core.units import (
     FileUnit,
     SettingsTable,
 )
+from tjscan.power.height import ArcHeightSettings
+from tjscan.power.sequence import ArcLimits
 
 NEWTON_METRE_UNIT = FileUnit("n_m")
 METRE_UNIT = FileUnit("m")
@@ -66,6 +69,18 @@ class WeldSettings(SettingsTable):
         The vehicle starts so far before the weld, metres: what is left of a reversal dies out.
     procedure, welder, joint : str
         What the weld's log names: welding procedure specification, welder, and the joint.
+    wps : str, optional
+        File of the welding procedure specification, counted from the job's folder; an arc by
+        ``[power]``, and passes planned from looks, need one.
+    layers : tuple of int
+        Beads of each layer, from the root on: each pass is planned when the vehicle is back at the
+        start, from what it saw on its way. Without, passes stay as the job states them.
+    tilt : float
+        Of gravity in the section, to the left plate; zero if the joint is level or climbs; radians.
+    arc : ArcLimits
+        Of an arc by ``[power]``.
+    height : ArcHeightSettings, optional
+        How the torch's height follows that arc's current; without, it stays as planned.
     """
 
     length: Annotated[float, Gt(0), Le(1000), METRE_UNIT] = 1.0
@@ -73,6 +88,11 @@ class WeldSettings(SettingsTable):
     procedure: str = ""
     welder: str = ""
     joint: str = ""
+    wps: Annotated[str | None, MinLen(1)] = None
+    layers: Annotated[tuple[Annotated[int, Ge(1)], ...], MaxLen(50), LIST_OR_WORD_IN_FILE] = ()
+    tilt: Annotated[float, Ge(-90), Le(90), DEG] = 0.0
+    arc: ArcLimits = field(default_factory=ArcLimits)
+    height: ArcHeightSettings | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,3 +241,14 @@ class PassSettings(PassRow):
     def swing(self, time: float) -> float:
         """How a weave swings, from -1 to 1, a time after the arc was struck, seconds."""
         return float(weave_swing(np.array(time), self.weave_period, self.dwell))
+
+
+def with_rows(one: PassSettings, table: BeadSegments) -> PassSettings:
+    """A pass with other rows, shape (n,) each; its weave's times and its procedure stay."""
+    columns = [getattr(table, name.name).tolist() for name in fields(BeadSegments)]
+    names = [name.name for name in fields(BeadSegments)]
+    rows = tuple(
+        PassSegment(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)
+    )
+    kept = {name: getattr(one, name) for name in ("weave_period", "dwell", "procedure")}
+    return PassSettings(segments=rows, **kept)

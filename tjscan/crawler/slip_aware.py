@@ -13,6 +13,9 @@ from tjscan.core.frames import Array
 from tjscan.core.units import MM, PER_M, SettingsTable
 from tjscan.crawler.method import OffsetEstimate, TorchEstimate
 from tjscan.crawler.slip_estimator import (
+    BEND_REACH,
+    BEND_SPACING,
+    MOST_BEND_PLACES,
     RIPPLE_STATES,
     SETTLING_LENGTH,
     CrawlerGeometry,
@@ -225,7 +228,7 @@ class SlipAwareMethod:
         tracks: TrackGeometry | None = None,
     ) -> None:
         self._estimator = SlipEstimator(geometry, estimate, uncertainty)
-        self._uncertainty, self._steering = uncertainty, steering
+        self._first, self._uncertainty, self._steering = estimate, uncertainty, steering
         self._tracks = tracks or TrackGeometry()
         self._odometry = OdometryFilter(self._tracks)
 
@@ -244,6 +247,16 @@ class SlipAwareMethod:
         """Take in a reading of the joint; see `FollowingMethod.read`."""
         return self._estimator.read(d, sigma)
 
+    def follow_bend(self) -> bool:
+        """Take the joint for one that bends here; see `FollowingMethod.follow_bend`."""
+        if len(self.slip.bend) > MOST_BEND_PLACES - 2 * BEND_REACH / BEND_SPACING:
+            return False
+        bend, first = self.slip.bend, self._first.at_new_start(self._uncertainty)
+        geometry = self._estimator.geometry
+        known = first.with_bend(bend, geometry.laser_to_torch)
+        self._estimator = SlipEstimator(geometry, known, self._uncertainty)
+        return True
+
     def forget_place(self) -> None:
         """Forget where the vehicle is; see `FollowingMethod.forget_place`."""
         self._estimator.estimate = self.slip.at_new_start(self._uncertainty)
@@ -252,11 +265,12 @@ class SlipAwareMethod:
 
     def keep_state(self) -> None:
         """Keep the state of now; see `FollowingMethod.keep_state`."""
-        self._estimator.smoother.keep(self.slip.x, self.slip.P)
+        known = self.slip
+        self._estimator.smoother.keep(known.x, known.P, known.torch_shares)
 
     def smoothed_offsets(self) -> tuple[Array, Array]:
         """Offsets at the kept states; see `FollowingMethod.smoothed_offsets`."""
-        offsets, sigmas = self._estimator.smoother.smooth(SlipStateIndex.OFFSET)
+        offsets, sigmas = self._estimator.smoother.smooth()
         return offsets, np.hypot(sigmas, self._hidden_sigma)
 
     @property
@@ -267,8 +281,10 @@ class SlipAwareMethod:
     @property
     def torch(self) -> TorchEstimate:
         """The estimated place of the torch."""
-        offset, heading = self.slip.x[[SlipStateIndex.OFFSET, SlipStateIndex.HEADING]].tolist()
-        sigma = hypot(self.slip.sigma(SlipStateIndex.OFFSET), self._hidden_sigma)
+        known = self.slip
+        shares, x = known.torch_shares, known.beside_joint(self._estimator.geometry)
+        offset, heading = x[[SlipStateIndex.OFFSET, SlipStateIndex.HEADING]].tolist()
+        sigma = hypot(sqrt(float(shares @ known.P @ shares)), self._hidden_sigma)
         return TorchEstimate(offset, sigma, heading)
 
     @property
@@ -287,11 +303,11 @@ class SlipAwareMethod:
     @property
     def laser(self) -> OffsetEstimate:
         """The estimated place of the laser."""
-        offset, H = laser_offset(self.slip.x, self._estimator.geometry)
+        offset, H = laser_offset(self.slip.x, self._estimator.geometry, self.slip.bend)
         return OffsetEstimate(offset, sqrt(float(H @ self.slip.P @ H)))
 
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
         """Turn rate to ask of the tracks; see `FollowingMethod.turn_rate`."""
-        return track_turn_rate(
-            self.slip.x, speed, self._estimator.geometry, self._steering, turns_back=turns_back
-        )
+        geometry = self._estimator.geometry
+        x = self.slip.beside_joint(geometry)
+        return track_turn_rate(x, speed, geometry, self._steering, turns_back=turns_back)

@@ -18,13 +18,13 @@ from typing import Annotated, Final, Self
 import numpy as np
 from annotated_types import Gt, Le
 
-from tjscan.core.frames import Array, ArrayForm
+from tjscan.core.frames import Array
 from tjscan.core.units import MM, MRAD, MRAD_S, SECONDS, SettingsTable
 from tjscan.crawler.state_smoother import StateSmoother
 
 
 class SlipStateIndex(IntEnum):
-    """The place of each quantity in a state vector, shape (22,).
+    """The place of each quantity in a state vector, shape (22,); what bends the joint comes after.
 
     OFFSET is the torch's from the joint, metres; HEADING the angle from the joint to the
     vehicle; ROTATION_CENTRE how far the centre of rotation is ahead of the vehicle's own, in
@@ -176,18 +176,18 @@ def propagate_state(
 
     Parameters
     ----------
-    x : ndarray, shape (22,)
-        As `SlipStateIndex` orders it.
+    x : ndarray, shape (n,)
+        As `SlipStateIndex` orders it, and more that stays as it is.
     odometry : TrackOdometry
     geometry : CrawlerGeometry
 
     Returns
     -------
-    x : ndarray, shape (22,)
-    F : ndarray, shape (22, 22)
+    x : ndarray, shape (n,)
+    F : ndarray, shape (n, n)
     """
     q, heading, ahead, efficiency, drift, crab, curvature, turning_crab, settled = x[:9].tolist()
-    fixed, turning_drift, *wrong, _, _, _, _, sways, veers = x[9:].tolist()
+    fixed, turning_drift, *wrong, _, _, _, _, sways, veers = x[9:STATE_COUNT].tolist()
     u, dt = odometry.speed, odometry.period
     way = copysign(1.0, u) if u else 0.0
     wrongly = list(map(mul, wrong, odometry.turn_rate_parts))
@@ -225,10 +225,10 @@ def propagate_state(
     by_slip[SlipStateIndex.TURNING_DRIFT] = abs(level)
     by_level *= side + turning_drift
     by_level[SlipStateIndex.TURNING_DRIFT] = level
-    F = np.eye(STATE_COUNT)
-    F[1] += dt * by_slip
+    F = np.eye(len(x))
+    F[1, :STATE_COUNT] += dt * by_slip
     F[[SlipStateIndex.HEADING, SlipStateIndex.JOINT_DOWN], SlipStateIndex.CURVATURE] = -dt * u
-    F[0] += dt * (turning_crab * by_level - arm * by_slip)
+    F[0, :STATE_COUNT] += dt * (turning_crab * by_level - arm * by_slip)
     F[0, SlipStateIndex.YAW_EFFICIENCY] -= dt * settled * turned * sticks
     F[0, SIDEWAYS_STATE_INDICES] = np.multiply(
         dt, (u * cos(heading), -turn * way, -turn, abs(u), abs(u), most, -efficiency * turned)
@@ -238,7 +238,32 @@ def propagate_state(
     return after, F
 
 
-def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
+def bend_shares(places: Sequence[float], at: float) -> Array:
+    """Share of each state of a bend in how far the joint is aside of its course at a place.
+
+    The joint is straight between the bend's places, and goes on as straight beyond the last one.
+
+    Parameters
+    ----------
+    places : sequence of float
+        Of the k states along the joint, ascending; none, or two at least.
+    at : float
+
+    Returns
+    -------
+    ndarray, shape (k,)
+    """
+    shares = np.zeros(len(places))
+    if len(places) and at > places[0]:
+        last = min(int(np.searchsorted(places, at)), len(places) - 1)
+        share = (at - places[last - 1]) / (places[last] - places[last - 1])
+        shares[[last - 1, last]] = 1 - share, share
+    return shares
+
+
+def laser_offset(
+    x: Array, geometry: CrawlerGeometry, bend: Sequence[float] = ()
+) -> tuple[float, Array]:
     """Offset of the laser from the joint, and its derivative with respect to the state.
 
     Equation (1) of the paper, with the torch instead of the centre of rotation and a joint that
@@ -246,20 +271,24 @@ def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
 
     Parameters
     ----------
-    x : ndarray, shape (22,)
+    x : ndarray, shape (n,)
     geometry : CrawlerGeometry
+    bend : sequence of float, optional
+        As in `SlipEstimate`.
 
     Returns
     -------
     d : float
         Metres.
-    H : ndarray, shape (22,)
+    H : ndarray, shape (n,)
     """
     D, slope = geometry.laser_to_torch, tan(x[SlipStateIndex.HEADING])
-    H = np.zeros(STATE_COUNT)
+    H = np.zeros(len(x))
     H[LASER_STATES] = 1, D * (1 + slope**2), -D * D / 2, 1
+    H[STATE_COUNT:] = -bend_shares(bend, D)
     offset, _, curvature, uneven = x[LASER_STATES].tolist()
-    return offset + D * slope - curvature * D * D / 2 + uneven, H
+    aside = float(H[STATE_COUNT:] @ x[STATE_COUNT:])
+    return offset + D * slope - curvature * D * D / 2 + uneven + aside, H
 
 
 STUDENT_DEGREES_OF_FREEDOM: Final = 4.0
@@ -296,6 +325,15 @@ what it is asked for, and a gyro's noise is small by then."""
 
 LONGEST_INCLINOMETER_LAG: Final = 1.0
 """Seconds: none is damped for longer, and none is ahead of the turn."""
+
+BEND_REACH, BEND_SPACING, MOST_BEND_PLACES = 0.15, 10e-3, 100
+"""Metres to either side of where a bend showed within which the joint may bend, metres between the
+places there at which it is estimated, and how many there are at most: what bends for longer has a
+radius, which the job must state."""
+
+BEND_STEP, STRAIGHT_STEP = 0.2e-3, 0.02e-3
+"""Metres by which the joint may be off the straight line through the last two places, as standard
+deviations: in a bend (of a radius of half a metre), and behind what lies between two bends."""
 
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
@@ -371,14 +409,23 @@ class SlipEstimate:
 
     Parameters
     ----------
-    x : ndarray, shape (22,)
-        As `SlipStateIndex` orders it.
-    P : ndarray, shape (22, 22)
+    x : ndarray, shape (22 + k,)
+        As `SlipStateIndex` orders it; then how far to the right the joint is, metres, of the course
+        that it has before it bends, at each place of `bend`.
+    P : ndarray, shape (22 + k, 22 + k)
         Its covariance.
+    bend : tuple of float, optional
+        How far along the joint from the torch each of these places is, metres, ascending.
     """
 
-    x: Annotated[Array, ArrayForm((STATE_COUNT,))]
-    P: Annotated[Array, ArrayForm((STATE_COUNT, STATE_COUNT))]
+    x: Array
+    P: Array
+    bend: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.x) != STATE_COUNT + len(self.bend):
+            raise ValueError(f"{len(self.x)} states with {len(self.bend)} of a bend")
+        object.__setattr__(self, "P", np.reshape(self.P, (len(self.x), len(self.x))))
 
     @classmethod
     def before_any_reading(
@@ -400,14 +447,64 @@ class SlipEstimate:
         sigmas[SlipStateIndex.JOINT_DOWN] = UNKNOWN_DIRECTION_SIGMA
         return cls(x, np.diag(np.square(sigmas)))
 
+    @property
+    def torch_shares(self) -> Array:
+        """Derivative of the torch's offset from the joint with respect to the state, shape (n,)."""
+        shares = np.zeros(len(self.x))
+        shares[SlipStateIndex.OFFSET] = 1.0
+        shares[STATE_COUNT:] = -bend_shares(self.bend, 0.0)
+        return shares
+
+    def beside_joint(self, geometry: CrawlerGeometry) -> Array:
+        """State as it is against the joint where the torch is, and not against its course, (n,).
+
+        The joint's direction is that from the torch to what the laser sees: a vehicle that follows
+        that makes up for a short bend before it comes there.
+        """
+        x = self.x.copy()
+        x[SlipStateIndex.OFFSET] = self.torch_shares @ x
+        ahead = bend_shares(self.bend, geometry.laser_to_torch) - bend_shares(self.bend, 0.0)
+        x[SlipStateIndex.HEADING] -= float(ahead @ x[STATE_COUNT:]) / geometry.laser_to_torch
+        return x
+
+    def with_bend(self, before: tuple[float, ...], at: float) -> Self:
+        """The same of a joint that bends, too, at a place.
+
+        Parameters
+        ----------
+        before : tuple of float
+            Of places at which it bends already, as in `bend`.
+        at : float
+            Along the joint from the torch, metres.
+        """
+        reach = np.arange(-BEND_REACH, BEND_REACH, BEND_SPACING)
+        new = [at + x for x in reach if all(abs(at + x - one) > BEND_SPACING / 2 for one in before)]
+        places = tuple(sorted((*before, *new)))
+        n, shares = STATE_COUNT, np.zeros((len(places), len(places)))
+        x, P = np.zeros(n + len(places)), np.zeros((n + len(places),) * 2)
+        x[:n], P[:n, :n] = self.x[:n], self.P[:n, :n]
+        for k in range(2, len(places)):
+            # On a straight line with the two before, and a step of its own.
+            shares[k] = bend_shares(places[:k], places[k]) @ shares[:k]
+            gap = places[k] - places[k - 1] > 2 * BEND_SPACING
+            shares[k, k] = STRAIGHT_STEP if gap else BEND_STEP
+        P[n:, n:] = shares @ shares.T
+        return type(self)(x, P, places)
+
     def sigma(self, which: SlipStateIndex) -> float:
         """Standard deviation of one quantity."""
         return sqrt(self.P[which, which])
 
-    def at_new_start(self, uncertainty: SlipUncertainty) -> Self:
+    def at_new_start(self, uncertainty: SlipUncertainty, moved: float | None = None) -> Self:
         """What stays known if the vehicle is set down again: how it slips, not where it is.
 
         Nor in which direction the joint runs there, nor how its chains lie on their sprockets.
+
+        Parameters
+        ----------
+        uncertainty : SlipUncertainty
+        moved : float, optional
+            How far it was moved along the joint, metres; if left out, no bend is known any more.
         """
         new = type(self).before_any_reading(uncertainty)
         place: list[int] = [
@@ -417,10 +514,12 @@ class SlipEstimate:
             SlipStateIndex.UNEVENNESS,
             *range(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1),
         ]
-        x, P = self.x.copy(), self.P.copy()
+        bend = () if moved is None else tuple(one - moved for one in self.bend)
+        kept = slice(STATE_COUNT + len(bend))
+        x, P = self.x[kept].copy(), self.P[kept, kept].copy()
         x[place], P[place, :], P[:, place] = 0.0, 0.0, 0.0
         P[place, place] = new.P[place, place]
-        return type(self)(x, P)
+        return type(self)(x, P, bend)
 
     def with_unseen_travel(self, way: float, least_radius: float) -> Self:
         """What is still known if the vehicle went on by up to a way that was not seen.
@@ -438,7 +537,7 @@ class SlipEstimate:
         P = self.P.copy()
         P[SlipStateIndex.OFFSET, SlipStateIndex.OFFSET] += (MOST_SIDEWAYS_SHARE * way) ** 2
         P[SlipStateIndex.HEADING, SlipStateIndex.HEADING] += (way / least_radius) ** 2
-        return type(self)(self.x, P)
+        return type(self)(self.x, P, self.bend)
 
 
 class SlipEstimator:
@@ -477,7 +576,7 @@ class SlipEstimator:
         self.unsteadiness = 1.0
         self._turn = self._damped_turn = 0.0
         self._by_turn = np.zeros(STATE_COUNT)
-        self.smoother = StateSmoother(STATE_COUNT)
+        self.smoother = StateSmoother()
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
     def move(self, odometry: TrackOdometry) -> None:
@@ -493,7 +592,8 @@ class SlipEstimator:
         self._turn = turned / odometry.period
         P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
-        kept, efficiency = float(F[-1, -1]), float(self.estimate.x[SlipStateIndex.YAW_EFFICIENCY])
+        kept = float(F[SlipStateIndex.UNSTEADY_DRIFT, SlipStateIndex.UNSTEADY_DRIFT])
+        efficiency = float(self.estimate.x[SlipStateIndex.YAW_EFFICIENCY])
         by_turn = np.array([0.0, odometry.period]) * efficiency
         if odometry.speed:
             by_turn = F[:2, SlipStateIndex.DRIFT] / odometry.speed * efficiency
@@ -508,7 +608,9 @@ class SlipEstimator:
         P[np.diag_indices(STATE_COUNT)] += changes
         # White noise of the turn rate: its spectral density does not depend on the period.
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
-        self.estimate = SlipEstimate(x, (P + P.T) / 2)
+        way = odometry.speed * odometry.period
+        bend = tuple(place - way for place in self.estimate.bend)
+        self.estimate = SlipEstimate(x, (P + P.T) / 2, bend)
         self._window += travel
         if self._window >= MATCHING_WINDOW_LENGTH:
             self._match_covariances()
@@ -518,12 +620,12 @@ class SlipEstimator:
 
         A reversal shears every foot the other way, so it is as uncertain as a track makes it.
         """
-        kept = np.ones(STATE_COUNT)
+        kept = np.ones(len(self.estimate.x))
         kept[UNSTEADY_STATES] = 0.0
         P = self.estimate.P * np.outer(kept, kept)
         P[UNSTEADY_STATES, UNSTEADY_STATES] = self._unsteady_variances()
         self.smoother.add_move(np.diag(kept))
-        self.estimate = SlipEstimate(self.estimate.x * kept, P)
+        self.estimate = SlipEstimate(self.estimate.x * kept, P, self.estimate.bend)
 
     def _match_covariances(self) -> None:
         """Learn from a window how unsteady the slip is."""
@@ -560,7 +662,7 @@ class SlipEstimator:
             How far it is off from what was expected, metres, as far as the estimate's own
             uncertainty does not explain it; nothing of it is weighed down.
         """
-        expected, H = laser_offset(self.estimate.x, self.geometry)
+        expected, H = laser_offset(self.estimate.x, self.geometry, self.estimate.bend)
         variance, off = sigma**2, d - expected
         known = float(H @ self.estimate.P @ H) + variance
         self._misfit += off / sqrt(known)
@@ -590,7 +692,7 @@ class SlipEstimator:
             off = rate - self._turn - self.estimate.x[SlipStateIndex.GYRO_BIAS]
             misfits[0] = self._correct_inertially(off, H, own.gyro**2 / period, period)
         for angle in down:
-            H = np.zeros(STATE_COUNT)
+            H = np.zeros(len(self.estimate.x))
             lag = SlipStateIndex.INCLINOMETER_LAG
             # A damped one is behind by its time constant times the turn rate, damped likewise.
             share = period / max(float(self.estimate.x[lag]), period)
@@ -618,4 +720,5 @@ class SlipEstimator:
         variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
         gain = PH / (before + variance)
         self.smoother.add_reading(H, gain, difference, before + variance)
-        self.estimate = SlipEstimate(x + gain * difference, P - np.outer(gain, PH))
+        after = x + gain * difference, P - np.outer(gain, PH)
+        self.estimate = SlipEstimate(*after, self.estimate.bend)

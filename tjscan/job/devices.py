@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, replace
+from ipaddress import ip_address
 from math import radians
 from time import monotonic
 from typing import Annotated, Any, ClassVar, Final, Self
@@ -28,6 +29,7 @@ from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
+from tjscan.power.drivers import POWER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
 
 ASSUMED_LASER_LINEARITY: Final = 0.1e-3
@@ -323,6 +325,24 @@ class LaserSettings(DeviceSettings):
         # Drivers of other packages have tables of their own.
         serial = getattr(self.driver_settings, "serial", None)
         return self.id or (self.driver if serial is None else f"{self.driver} {serial}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerSettings(DeviceSettings):
+    """The table [power]: which power source feeds the arc."""
+
+    registry: ClassVar[DriverRegistry[Any]] = POWER_DRIVERS
+
+    @property
+    def is_on_this_machine(self) -> bool:
+        """Whether it melts no metal: it is simulated, or a stand-in that listens here."""
+        if self.driver != "modbus":
+            return self.driver_kind is DriverKind.SIMULATED
+        host = self.driver_settings.host
+        try:
+            return bool(host == "localhost" or ip_address(host).is_loopback)
+        except ValueError:
+            return False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

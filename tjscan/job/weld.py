@@ -4,28 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
-from tjscan.core.devices import DriverKind, DriverRegistry
+from tjscan.core.devices import DriverKind
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, SettingsTable
-from tjscan.job.devices import DeviceSettings
+from tjscan.job.devices import PowerSettings
 from tjscan.job.files import ScanJob, read_located_job
-from tjscan.power.drivers import POWER_DRIVERS
 from tjscan.power.height import ArcHeightSettings
 from tjscan.power.sequence import ArcLimits
 from tjscan.welding.bead import BeadModel
 from tjscan.welding.world import WeldFaults
-
-
-@dataclass(frozen=True, kw_only=True)
-class PowerSettings(DeviceSettings):
-    """The table [power]: which power source feeds the arc."""
-
-    registry: ClassVar[DriverRegistry[Any]] = POWER_DRIVERS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +99,7 @@ class WeldJob(ScanJob):
                 "a weld leads the torch of a simulated arm alone: for a real one scan, and write "
                 "its program with 'tjscan plan'",
             )
-        if not self._arc_is_simulated:
+        if not self.power.is_on_this_machine:
             yield (
                 "power.driver",
                 "a weld leads the torch of a simulated arm alone, and a real arc would burn in one "
@@ -119,24 +110,11 @@ class WeldJob(ScanJob):
             yield "joint", "a simulated weld needs a [joint] table to weld on"
 
     @property
-    def _arc_is_simulated(self) -> bool:
-        if self.power.driver == "modbus":
-            return _is_this_machine(self.power.driver_settings.host)
-        return self.power.driver_kind is DriverKind.SIMULATED
-
-    @property
     def scan_job(self) -> ScanJob:
         """The job of its scan."""
         return ScanJob.model_construct(
             **{name: getattr(self, name) for name in ScanJob.model_fields}
         )
-
-
-def _is_this_machine(host: str) -> bool:
-    try:
-        return host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def read_weld_job(file: Path, overrides: dict[str, Any] | None = None) -> WeldJob:

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, pose
 from tjscan.core.provenance import LengthUnit
-from tjscan.core.units import DEG, MM, MM2, FileUnit
+from tjscan.core.units import DEG, MM, MM2, NO_UNIT, FileUnit
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.section import GrooveSection
 from tjscan.result.directions import section_directions
 
-NO_UNIT: Final = FileUnit("")
 IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
 """What lengths and areas are given in if a file is in metres."""
 

@@ -55,6 +55,8 @@ MOST_RESULT_BYTES: Final = 50_000_000
 
 NO_FILES_TO_COPY: Final[Mapping[str, Path | None]] = MappingProxyType({})
 
+WPS_FILE: Final = "wps.toml"
+
 REPLAYABLE_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
 
@@ -68,6 +70,11 @@ V = TypeVar("V", CrawlJob, TowJob, WeldJob)
 
 def do_nothing(directory: Path) -> None:
     """Do nothing with a run directory whose results are written."""
+
+
+def nobody_objects(question: str) -> bool:
+    """Whether a person agrees, in a simulation: always."""
+    return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +101,11 @@ class JobContext(Generic[T]):
     @property
     def calibration_file(self) -> Path | None:
         """The calibration file that the job names, if it names one."""
+        return None
+
+    @property
+    def wps_file(self) -> Path | None:
+        """The welding procedure specification that the job names, if it names one."""
         return None
 
 
@@ -143,6 +155,9 @@ def make_vehicle_run_directory(directory: Path, context: JobContext[V]) -> None:
         if context.calibration_file is not None:
             shutil.copyfile(context.calibration_file, draft / CALIBRATION_FILE)
             job = job.model_copy(update={"calibration": CALIBRATION_FILE})
+        if context.wps_file is not None and isinstance(job, CrawlJob):
+            shutil.copyfile(context.wps_file, draft / WPS_FILE)
+            job = job.model_copy(update={"weld": replace(job.weld, wps=WPS_FILE)})
         write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
 
 

@@ -16,7 +16,7 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, SettingsTable
-from tjscan.welding.look import resample_rows
+from tjscan.welding.look import LEAST_SEEN_SHARE, UNSEEN_SIGMA, resample_rows
 from tjscan.welding.state import WeldState
 
 Imperfection = Literal["excess", "sag", "undercut", "toe angle", "misalignment", "throat"]
@@ -141,6 +141,7 @@ def measure_weld(
         Whether it joins two plates: only these are misaligned; a throat is a T-joint's.
     """
     seen = resample_rows(state.u, u, w)
+    sigma = resample_rows(state.u, u, np.broadcast_to(sigma.T, w.T.shape).T)
     over = seen - state.base
     rows = np.arange(len(state.s))
     inside = (state.u >= u[:, :1]) & (state.u <= u[:, -1:])
@@ -161,52 +162,62 @@ def measure_weld(
     beside = ((state.u < toes[0][:, None]) & (state.u > toes[0][:, None] - UNDERCUT_REACH)) | (
         (state.u > toes[1][:, None]) & (state.u < toes[1][:, None] + UNDERCUT_REACH)
     )
-    angle, angle_sigma = _toe_angles(state, seen, toes, sigma)
-    height_sigma = np.hypot(sigma, LEAST_SIGMA)
-    values = {
-        "excess": _largest(np.where(metal, seen - line, -np.inf)) * tilt,
-        "sag": _largest(np.where(between & inside, edge - seen, -np.inf)) / np.hypot(1, rise),
-        "undercut": np.maximum(_largest(np.where(beside & inside, -over / face, -np.inf)), 0.0),
-        "toe angle": angle,
+    seen_columns = sigma < UNSEEN_SIGMA / 2
+    sigma = np.hypot(sigma, LEAST_SIGMA)
+    found = {
+        "excess": _largest(seen - line, metal, seen_columns, sigma),
+        "sag": _largest(edge - seen, between & inside, seen_columns, sigma),
+        "undercut": _largest(-over / face, beside & inside, seen_columns, sigma),
+        "toe angle": _toe_angles(state, seen, toes, np.where(seen_columns, sigma, np.nan)),
     }
-    if butt:
+    found["excess"] *= tilt
+    found["sag"] /= np.hypot(1, rise)
+    found["undercut"][0] = np.maximum(found["undercut"][0], 0.0)
+    if butt:  # the plates are where the first scan shows them
         ends = [np.median(part, axis=1) for part in (state.base[:, 2:12], state.base[:, -12:-2])]
-        values["misalignment"] = np.abs(ends[1] - ends[0])
+        row_sigma = np.sqrt(np.mean(sigma**2, axis=1, where=seen_columns))
+        found["misalignment"] = np.stack((np.abs(ends[1] - ends[0]), row_sigma))
     else:
-        values["throat"] = _throat(state, seen, metal)
+        found["throat"] = _largest(-_from_root(state, seen), metal, seen_columns, sigma)
+        found["throat"][0] *= -1
     shown = read & metal.any(axis=1)
-    values = {name: np.where(shown, value, np.nan) for name, value in values.items()}
-    sigmas = dict.fromkeys(values, height_sigma) | {"toe angle": angle_sigma}
+    values = {name: np.where(shown, value, np.nan) for name, (value, _) in found.items()}
+    sigmas = {name: one for name, (_, one) in found.items()}
     return WeldMeasures(state.s, (toes[1] - toes[0]) / tilt, values, sigmas)
 
 
-def _largest(values: Array) -> Array:
-    return np.asarray(values.max(axis=1))
+def _largest(values: Array, columns: Mask, seen: Mask, sigma: Array) -> Array:
+    """The largest over columns of each row, and its sigma, shape (2, n); NaN where few are seen."""
+    rows, known = np.arange(len(values)), columns & seen
+    at = np.where(known, values, -np.inf).argmax(axis=1)
+    enough = known.any(axis=1) & (known.sum(axis=1) >= LEAST_SEEN_SHARE * columns.sum(axis=1))
+    return np.asarray(np.where(enough, (values[rows, at], sigma[rows, at]), np.nan))
 
 
-def _throat(state: WeldState, seen: Array, metal: Mask) -> Array:
-    """Least distance of the surface from the groove's root, shape (n,), metres."""
-    rows = np.arange(len(state.s))
-    root = np.where(metal, state.base, np.inf).argmin(axis=1)
+def _from_root(state: WeldState, seen: Array) -> Array:
+    """Distance of the weld's surface from the groove's root, shape (n, m), metres."""
+    rows, root = np.arange(len(state.s)), state.base.argmin(axis=1)
     du, dw = state.u - state.u[rows, root][:, None], seen - state.base[rows, root][:, None]
-    return np.asarray(np.where(metal, np.hypot(du, dw), np.inf).min(axis=1))
+    return np.asarray(np.hypot(du, dw))
 
 
-def _toe_angles(state: WeldState, seen: Array, toes: Array, sigma: Array) -> tuple[Array, Array]:
-    """Smaller angle between weld and face at both toes and its sigma, shape (n,), radians."""
+def _toe_angles(state: WeldState, seen: Array, toes: Array, sigma: Array) -> Array:
+    """Smaller angle between weld and face at both toes, and its sigma, shape (2, n), radians."""
     found = []
     for toe, out in zip(toes, (-1.0, 1.0), strict=True):
         way = out * (state.u - toe[:, None])
-        slopes = []
-        for values, side in ((seen, -1.0), (state.base, 1.0)):
+        slopes, variance = [], np.zeros(len(toe))
+        for values, side in ((state.base, 1.0), (seen, -1.0)):
             near = (side * way > TOE_GAP) & (side * way < TOE_GAP + TOE_LINE_LENGTH)
             count = np.maximum(near.sum(axis=1), 1)[:, None]
             du = np.where(near, way - np.where(near, way, 0).sum(axis=1)[:, None] / count, 0.0)
-            slopes.append((du * values).sum(axis=1) / np.maximum((du**2).sum(axis=1), 1e-12))
-        found.append(np.pi + np.arctan(slopes[0]) - np.arctan(slopes[1]))
-    step = float(np.median(np.diff(state.u[0])))
-    spread = np.sqrt(12 / max(TOE_LINE_LENGTH / step, 2.0)) / TOE_LINE_LENGTH
-    return np.minimum(*found), spread * sigma
+            lever = np.maximum((du**2).sum(axis=1), 1e-12)
+            slopes.append((du * values).sum(axis=1) / lever)
+            variance = np.sum((du * sigma) ** 2, axis=1, where=near) / lever**2
+        found.append((np.pi + np.arctan(slopes[1]) - np.arctan(slopes[0]), np.sqrt(variance)))
+    left, right = np.array(found)
+    both = np.isfinite(left[1]) & np.isfinite(right[1])
+    return np.asarray(np.where(both, np.where(left[0] < right[0], left, right), np.nan))
 
 
 @dataclass(frozen=True, slots=True)

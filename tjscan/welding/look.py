@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tjscan.core.errors import LookRefused
-from tjscan.core.frames import Array, Mask
+from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.welding.bead import column_widths
 from tjscan.welding.state import WeldState
 
@@ -35,6 +37,107 @@ LARGEST_SHARE: Final = 0.2
 
 OTHER_JOINT_DISTANCE: Final = 1e-3
 """Bare faces whose distance (rms) from those of the first scan is more, metres, are others'."""
+
+
+COLUMN_STEP: Final = 0.25e-3
+"""Between two columns of a surface, metres."""
+
+WIDEST_GAP: Final = 1.5e-3
+"""Between two points of a profile, over which its surface is not known, metres."""
+
+LEAST_SEEN_SHARE: Final = 0.95
+"""Of a section's columns between its toes, for it to count as read."""
+
+UNSEEN_SIGMA: Final = 10e-3
+"""Standard deviation of a height that no profile shows, metres."""
+
+SCATTER_TO_SIGMA: Final = 1.4826 * np.sqrt(np.pi / 2)
+"""From the median deviation of values to the standard deviation of their median, times the root
+of their number."""
+
+
+@array_dataclass
+class SurfaceLook:
+    """What a look shows at n stations.
+
+    Parameters
+    ----------
+    u : ndarray, shape (k,)
+        Columns across the groove, metres.
+    w : ndarray, shape (n, k)
+        Heights, metres.
+    sigma : ndarray, shape (n, k)
+        Standard deviation of each height, metres; `UNSEEN_SIGMA` where no profile shows it, and
+        the height is that between its neighbours.
+    read : ndarray of bool, shape (n,)
+        Stations at which it was read.
+    """
+
+    u: Array
+    w: Array
+    sigma: Array
+    read: Mask
+
+
+def heights_over_columns(across: Array, values: Sequence[Array], u: Array) -> Array:
+    """Values of a profile's points at columns, shape (len(values), k); NaN where it shows nothing.
+
+    Parameters
+    ----------
+    across : ndarray, shape (p,)
+        Of the points, metres.
+    values : sequence of ndarray, shape (p,)
+    u : ndarray, shape (k,)
+        Columns, metres.
+    """
+    if len(across) < 2:
+        return np.full((len(values), len(u)), np.nan)
+    order = np.argsort(across, kind="stable")
+    across = across[order]
+    after = np.clip(np.searchsorted(across, u), 1, len(across) - 1)
+    hidden = across[after] - across[after - 1] > WIDEST_GAP
+    hidden |= (u < across[0]) | (u > across[-1])
+    rows = [np.interp(u, across, row[order]) for row in values]
+    return np.where(hidden, np.nan, rows)
+
+
+def look_of_heights(
+    s: Array, profiles: tuple[Array, Array, Array], u: Array, toes_u: Array, reach: float
+) -> SurfaceLook:
+    """Make a surface of the heights of profiles along a groove, by their median near each station.
+
+    Parameters
+    ----------
+    s : ndarray, shape (n,)
+        Stations, metres.
+    profiles : tuple of ndarray, shape (p, k)
+        Place along the groove, height and its standard deviation at each column, metres; NaN
+        where a profile shows nothing.
+    u : ndarray, shape (k,)
+        Columns, metres.
+    toes_u : ndarray, shape (n, 2)
+        Of the finished weld at each station: a station is read if the columns between are.
+    reach : float
+        To either side of a station, metres, within which profiles count.
+    """
+    at, heights, noise = profiles
+    w, sigma = np.full((2, len(s), len(u)), np.nan)
+    with warnings.catch_warnings():  # a column that no profile shows has no median
+        warnings.simplefilter("ignore", RuntimeWarning)
+        for k, here in enumerate(s):
+            near = np.where(np.abs(at - here) < reach, heights, np.nan)
+            count = np.sqrt(np.isfinite(near).sum(axis=0))
+            w[k] = np.nanmedian(near, axis=0)
+            scatter = SCATTER_TO_SIGMA * np.nanmedian(np.abs(near - w[k]), axis=0) / count
+            stated = np.nanmedian(np.where(np.isfinite(near), noise, np.nan), axis=0)
+            sigma[k] = np.maximum(stated, scatter)
+    seen = np.isfinite(w)
+    between = (u >= toes_u[:, :1]) & (u <= toes_u[:, 1:])
+    read = (seen & between).sum(axis=1) >= LEAST_SEEN_SHARE * between.sum(axis=1)
+    for row, known in zip(w, seen, strict=True):
+        if known.any():
+            row[~known] = np.interp(u[~known], u[known], row[known])
+    return SurfaceLook(u, np.nan_to_num(w), np.where(seen, sigma, UNSEEN_SIGMA), read)
 
 
 def resample_rows(at: Array, u: Array, w: Array) -> Array:

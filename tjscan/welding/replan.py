@@ -28,7 +28,13 @@ from tjscan.welding.aims import (
 )
 from tjscan.welding.bead import BeadModel, column_widths, interpolate_rows, lay_beads
 from tjscan.welding.learning import ScalarFilter, WeldLearner
-from tjscan.welding.look import LEAST_COVER, check_look, resample_rows, see_closing
+from tjscan.welding.look import (
+    LEAST_COVER,
+    UNSEEN_SIGMA,
+    check_look,
+    resample_rows,
+    see_closing,
+)
 from tjscan.welding.shrinkage import ShrinkageModel, close_groove
 from tjscan.welding.state import Rows, WeldState
 from tjscan.welding.target import (
@@ -453,8 +459,8 @@ class WeldPlanner:
         ----------
         u, w : ndarray, shape (n, k)
             Surface seen at the stations, registered to the first scan, u growing; metres.
-        sigma : ndarray, shape (n,)
-            Standard deviation of its heights, metres.
+        sigma : ndarray, shape (n,) or (n, k)
+            Standard deviation of its heights, metres; columns that were not seen stay as believed.
         read : ndarray of bool, shape (n,)
             Stations at which it was read; the belief stays elsewhere.
 
@@ -472,6 +478,12 @@ class WeldPlanner:
         turn = self.shrinkage.turn_per_metre * shift
         at, base, before = close_groove(predicted.u, predicted.base, predicted.w, shift, turn)
         seen_w = resample_rows(at, u, w)
+        column_sigma = resample_rows(at, u, np.broadcast_to(sigma.T, w.T.shape).T)
+        shown = column_sigma < UNSEEN_SIGMA / 2
+        row_sigma = np.sqrt(
+            np.sum(column_sigma**2, axis=1, where=shown) / np.maximum(shown.sum(axis=1), 1)
+        )
+        seen_w = np.where(shown, seen_w, before)
         # Bare faces are known from the first scan, better than from this look.
         bare = (before - base <= LEAST_COVER) & (np.abs(seen_w - base) < LARGEST_BARE_CHANGE)
         surface = np.where(read[:, None], np.where(bare, base, seen_w), before)
@@ -481,11 +493,11 @@ class WeldPlanner:
             first = read & (self._laid[0].first_area == 0) & (seen.first_area > 0)
             seen = replace(seen, first_area=np.where(first, seen.metal_area, seen.first_area))
         self.belief, self._seen = seen, self._seen.replaced(read, seen.part(read))
-        self.fill_sigma = np.where(read, sigma, self.fill_sigma)
+        self.fill_sigma = np.where(read, row_sigma, self.fill_sigma)
         metal = seen.metal_area
         if metal.any():
             width = float(np.median(np.diff(seen.toe_points[:, :, 0], axis=1)))
-            mean_sigma = float(np.sqrt(np.mean(sigma**2) / max(int(read.sum()), 1)))
+            mean_sigma = float(np.sqrt(np.mean(row_sigma[read] ** 2) / max(int(read.sum()), 1)))
             self.learner.learn_gain(metal, read, width * mean_sigma)
             expected = self.shrinkage.transverse(metal, seen.first_area)
             closed = predicted.closed + seen_shift

@@ -78,3 +78,10 @@ def progress_bars() -> Progress:
     description = progress.TextColumn("{task.description}")
     count, taken = progress.MofNCompleteColumn(), progress.TimeElapsedColumn()
     return progress.Progress(description, progress.BarColumn(), count, taken, console=stderr)
+
+
+def ask_at_terminal(what: str) -> bool:
+    """Ask a person at the terminal to let a weld go on; Ctrl-C stops it instead."""
+    import questionary
+
+    return bool(questionary.confirm(f"{what}: done?").unsafe_ask())

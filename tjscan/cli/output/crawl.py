@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.shared import LiveCrawlOptions
-from tjscan.cli.output.console import print_fields, print_json, print_message
+from tjscan.cli.output.console import ask_at_terminal, print_fields, print_json, print_message
 from tjscan.crawler.method import OffsetEstimate
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
@@ -20,6 +20,7 @@ from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
 from tjscan.runs.crawl.results import PASSES_FILE, read_passes
 from tjscan.runs.crawl.run import AutomaticWeldOperator, CrawlContext
+from tjscan.runs.run import nobody_objects
 
 
 class EventPrinter:
@@ -71,7 +72,7 @@ class TerminalWeldOperator:
 
 @contextmanager
 def watch_crawl(
-    job: CrawlJob, file: Path, page: LiveCrawlOptions | None = None
+    job: CrawlJob, file: Path, page: LiveCrawlOptions | None = None, *, arc: bool = False
 ) -> Iterator[CrawlContext]:
     """Print a crawl's events, and write its report, while the block runs.
 
@@ -82,10 +83,16 @@ def watch_crawl(
         The file that it was read from.
     page : LiveCrawlOptions, optional
         Whether it is shown in a browser too, and driven by hand there before it begins.
+    arc : bool, optional
+        Whether the power source that the job names may strike an arc.
     """
     jog = TorchJog(job.torch.jog)
-    operator = TerminalWeldOperator(jog) if job.simulation is None else AutomaticWeldOperator()
-    context = CrawlContext(job, file, EventPrinter(), write_run_report, operator, jog=jog)
+    simulated = job.simulation is not None
+    operator = AutomaticWeldOperator() if simulated else TerminalWeldOperator(jog)
+    ask = nobody_objects if simulated else ask_at_terminal
+    context = CrawlContext(
+        job, file, EventPrinter(), write_run_report, operator, jog=jog, arc=arc, ask=ask
+    )
     if page is None or not page.live:
         yield context
         return

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tjscan.cli.interrupt import INTERRUPT_EXIT_CODE
-from tjscan.cli.output.console import print_fields, print_message
+from tjscan.cli.output.console import ask_at_terminal, print_fields, print_message
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import WeldStopped
 from tjscan.core.signals import handle_ctrl_c
@@ -15,6 +15,7 @@ from tjscan.job.weld import WeldJob
 from tjscan.power.sequence import ArcFault
 from tjscan.recording.journal import RunEvent
 from tjscan.report.write import write_run_report
+from tjscan.runs.run import nobody_objects
 from tjscan.runs.weld.journal import (
     HEIGHT_EVENT,
     STATION_EVENT,
@@ -26,7 +27,7 @@ from tjscan.runs.weld.journal import (
     name_of_bead,
 )
 from tjscan.runs.weld.results import SIMULATED_WELD_NOTE, WELD_LOG_FILE, read_recorded_weld
-from tjscan.runs.weld.run import WeldContext, nobody_objects
+from tjscan.runs.weld.run import WeldContext
 
 
 class WeldPrinter:
@@ -69,13 +70,6 @@ def deviation_text(look: LookMessage) -> str:
     if look.deviation is None or look.deviation_sigma is None:
         return "–"
     return f"{1e3 * look.deviation:.2f} ± {1e3 * look.deviation_sigma:.2f}"
-
-
-def ask_at_terminal(what: str) -> bool:
-    """Ask a person at the terminal to let a weld go on; Ctrl-C stops it instead."""
-    import questionary
-
-    return bool(questionary.confirm(f"{what}: is it so?").unsafe_ask())
 
 
 @contextmanager

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import cos, sin
 from time import monotonic
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from tjscan.job.devices import DeviceGroup, make_laser_without_arm
 from tjscan.joint.hull import hull_section, joint_line_pose, laser_offset, place_beside_joint
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, SimulatedSectionLaser
+from tjscan.power.drivers import PowerDriverInputs
+from tjscan.power.source import PowerSource
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverFactory, VehicleDriverInputs
 from tjscan.vehicle.simulated import SimulatedVehicle
 from tjscan.vehicle.vehicle import Vehicle, VehicleState
@@ -52,6 +55,10 @@ class SimulatedWeld:
         Gives the seconds.
     metal : CrawlWeld, optional
         Of the bead model; without, each pass leaves the bead that the joint states for it.
+    planned : PassSettings, optional
+        The pass that is welded now, if it was planned from a look.
+    cut_arcs : int
+        Arcs that welded no whole pass.
     """
 
     job: CrawlJob
@@ -62,6 +69,8 @@ class SimulatedWeld:
     welded: list[list[float]] = field(default_factory=list)
     clock: Callable[[], float] = monotonic
     metal: CrawlWeld | None = None
+    planned: PassSettings | None = None
+    cut_arcs: int = 0
     _arc_burned_before: bool = False
 
     def pose_ahead(self, ahead: float) -> tuple[float, float, float]:
@@ -110,7 +119,12 @@ class SimulatedWeld:
 
     def pass_of_arc(self, arc: int) -> PassSettings:
         """The pass that an arc welds, by its number."""
-        return self.job.passes[min(arc, len(self.job.passes) - 1)]
+        number = min(arc - self.cut_arcs, len(self.job.passes) - 1)
+        return self.planned or self.job.passes[number]
+
+    def take_plan(self, planned: PassSettings) -> None:
+        """Take in how the pass that comes next is welded."""
+        self.planned = planned
 
     def _weld_below_torch(self) -> None:
         self.disturb(self.torch.arc)
@@ -136,13 +150,17 @@ class InterruptedWorld:
         x, y and heading of the vehicle, in frame w.
     time : float
         What its clock showed, seconds.
-    welded : tuple of (float, float)
-        From where to where along the joint each pass is welded, metres.
+    arcs : tuple of (PassSettings, ndarray)
+        The pass that each arc welded, and the torch's true way meanwhile, shape (k, 3): seconds,
+        place along the joint, and to the right of it, metres.
+    passes_done : int
+        How many passes are whole.
     """
 
     pose_w: Array
     time: float
-    welded: tuple[tuple[float, float], ...]
+    arcs: tuple[tuple[PassSettings, Array], ...] = ()
+    passes_done: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,6 +176,8 @@ class CrawlCell(DeviceGroup):
         The truth of a simulation, which no algorithm sees.
     clock : callable
         Gives the seconds on the clock that the laser's profiles are dated by.
+    power : PowerSource, optional
+        Of the arc; without, the torch has one of its own.
     """
 
     vehicle: Vehicle
@@ -165,6 +185,7 @@ class CrawlCell(DeviceGroup):
     torch: TorchAxes
     world: SimulatedWeld | None = None
     clock: Callable[[], float] = monotonic
+    power: PowerSource | None = None
 
     @property
     def simulated_place(self) -> Callable[[], SimulatedPlace] | None:
@@ -172,12 +193,17 @@ class CrawlCell(DeviceGroup):
         return None if self.world is None else self.world.simulated_place
 
     @property
-    def devices(self) -> tuple[Vehicle, LineLaser, TorchAxes]:
-        """Vehicle, laser and torch."""
-        return self.vehicle, self.laser, self.torch
+    def devices(self) -> tuple[AbstractContextManager[Any], ...]:
+        """Vehicle, laser, torch, and the power source if there is one."""
+        power = () if self.power is None else (self.power,)
+        return self.vehicle, self.laser, self.torch, *power
 
 
-def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> CrawlCell:
+def make_crawl_cell(
+    job: CrawlJob,
+    left: InterruptedWorld | None = None,
+    ask: Callable[[str], bool] = lambda question: True,
+) -> CrawlCell:
     """Make the devices that a crawl job names; connect nothing.
 
     Parameters
@@ -185,6 +211,8 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     job : CrawlJob
     left : InterruptedWorld, optional
         What an interrupted run left of a simulation; a new one begins if left out.
+    ask : callable, optional
+        Asks a person to strike an arc by hand, or to end it.
 
     Raises
     ------
@@ -207,7 +235,8 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     )
     registered = RegisteredTorch(torch, job.torch.aside) if job.torch.aside else torch
     if world is None:
-        return CrawlCell(vehicle, make_laser_without_arm(job.laser), registered)
+        laser = make_laser_without_arm(job.laser)
+        return CrawlCell(vehicle, laser, registered, power=_make_power_source(job, ask, monotonic))
     body = vehicle.body if isinstance(vehicle, SimulatedVehicle) else None
 
     def disturb(burning: bool) -> None:
@@ -216,18 +245,38 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
 
     # Over a broker the loopback's vehicle reports its true place; a real one does not.
     truth = partial(factory.truth, vehicle)
-    welded = [] if left is None else [list(ends) for ends in left.welded]
+    arcs = () if left is None else left.arcs
+    welded = [[float(way[:, 1].min()), float(way[:, 1].max())] for _, way in arcs]
     clock = monotonic if body is None else lambda: body.time
     metal = None if world.weld is None else CrawlWeld(world.joint, world.weld, world.seed)
     weld = SimulatedWeld(job, world, truth, torch, disturb, welded, clock, metal)
+    if left is not None:
+        weld.cut_arcs = len(arcs) - left.passes_done
     if metal is not None:
-        for arc, ends in enumerate(welded):
-            metal.lay_again(weld.pass_of_arc(arc), *ends)
+        for one, way in arcs:
+            for sample in way.tolist():
+                metal.burn(*sample)
+            metal.end_arc(one)
+    power = _make_power_source(job, ask, clock)
     if job.laser.driver_kind is not DriverKind.SIMULATED:
-        return CrawlCell(vehicle, make_laser_without_arm(job.laser), registered, weld)
+        laser = make_laser_without_arm(job.laser)
+        return CrawlCell(vehicle, laser, registered, weld, power=power)
     rng = np.random.default_rng([world.seed, LASER_RANDOM_STREAM])
-    laser = SimulatedSectionLaser(weld.section_below_laser, weld.laser_model, clock, rng=rng)
-    return CrawlCell(vehicle, laser, registered, weld, clock)
+    section_laser = SimulatedSectionLaser(
+        weld.section_below_laser, weld.laser_model, clock, rng=rng
+    )
+    return CrawlCell(vehicle, section_laser, registered, weld, clock, power)
+
+
+def _make_power_source(
+    job: CrawlJob, ask: Callable[[str], bool], clock: Callable[[], float]
+) -> PowerSource | None:
+    """The power source of a job; None if the torch has an arc of its own."""
+    if job.power is None:
+        return None
+    seed = 0 if job.simulation is None else job.simulation.seed
+    source: PowerSource = job.power.make_device(PowerDriverInputs(ask=ask, clock=clock, seed=seed))
+    return source
 
 
 def _refuse_recording() -> tuple[VehicleState, ...]:

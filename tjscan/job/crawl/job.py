@@ -31,7 +31,7 @@ from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
 from tjscan.crawler.slip_estimator import CrawlerGeometry, SlipUncertainty
 from tjscan.crawler.torch_axes import FixedTorch, SimulatedTorchAxes, TorchAxes
-from tjscan.job.devices import DeviceSettings
+from tjscan.job.devices import DeviceSettings, PowerSettings
 from tjscan.job.reading import read_job
 from tjscan.joint.hull import HullJoint
 from tjscan.laser.drivers import LASER_DRIVERS
@@ -258,6 +258,7 @@ class CrawlJob(StrictFileModel):
     ] = (plan.PassSettings(),)
     laser: CrawlLaserSettings = CrawlLaserSettings()
     torch: TorchSettings = TorchSettings()
+    power: PowerSettings | None = None
     steering: SteeringSettings = SteeringSettings()
     slip: SlipUncertainty = SlipUncertainty()
     paper: PaperSettings = PaperSettings()
@@ -298,8 +299,44 @@ class CrawlJob(StrictFileModel):
                 )
             if one.edge_gap is not None and self.method == "paper":
                 yield "pass.edge_gap_mm", f"pass {number}: the paper's method reads no edges"
+            if one.edge_gap is not None and self.weld.layers:
+                reason = "passes planned from looks weave as stated: give weave_mm instead"
+                yield "pass.edge_gap_mm", f"pass {number}: {reason}"
         if self.simulation is not None:
             yield from self.simulation.contradictions(radius)
+        yield from self._contradictions_of_weld()
+
+    def _contradictions_of_weld(self) -> Iterator[tuple[str, str]]:
+        """Of passes that are planned from looks, and of an arc by a power source."""
+        weld, power = self.weld, self.power
+        if weld.wps is None and (weld.layers or power is not None):
+            yield "weld.wps", "an arc by [power], and passes planned from looks, need a WPS"
+        if power is not None:
+            is_real = not power.is_on_this_machine
+            if is_real and self.vehicle.driver_kind is DriverKind.SIMULATED:
+                yield "power.driver", "a real arc would burn in one spot: the vehicle is simulated"
+            if weld.height is not None and power.driver == "none":
+                yield "weld.height", "no one measures the current of an arc that is struck by hand"
+        elif weld.height is not None:
+            yield "weld.height", "the torch's height follows the current of an arc by [power]"
+        if not (weld.layers or power is not None):
+            return
+        for number, one in enumerate(self.passes, start=1):
+            if not np.isfinite(one.table.feed).all():
+                yield "pass", f"pass {number} states no feed_m_min, by which it is welded"
+        if not weld.layers:
+            return
+        if sum(weld.layers) != len(self.passes):
+            yield (
+                "weld.layers",
+                f"holds {sum(weld.layers)} beads, and the job has {len(self.passes)} passes",
+            )
+        if weld.run_up < self.vehicle.laser_to_torch:
+            yield (
+                "weld.run_up_mm",
+                "the laser, ahead of the torch, has to see the start of the weld on the way back: "
+                f"it must be {1e3 * self.vehicle.laser_to_torch:g} or more",
+            )
 
 
 def read_crawl_job(file: Path, overrides: dict[str, Any] | None = None) -> CrawlJob:

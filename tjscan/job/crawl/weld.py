@@ -44,6 +44,7 @@ class CrawlWeld:
     seed: int
     metal: WeldWorld = field(init=False)
     _samples: list[tuple[float, float, float]] = field(default_factory=list)
+    _arcs: int = 0
 
     def __post_init__(self) -> None:
         joint, settings = self.joint, self.settings
@@ -87,10 +88,10 @@ class CrawlWeld:
             middle = gaussian_filter1d(right, max(swing / 4, 1e-3), mode="nearest")
             smooth = max(swing / 4, 1.0)
             speed = gaussian_filter1d(np.gradient(s, time), smooth, mode="nearest")
-            self.lay(one, s, middle, np.maximum(speed, LEAST_TRAVEL_SPEED))
+            self._lay(one, s, middle, np.maximum(speed, LEAST_TRAVEL_SPEED))
         self._samples.clear()
 
-    def lay(self, one: PassSettings, s: Array, right: Array, speed: Array) -> None:
+    def _lay(self, one: PassSettings, s: Array, right: Array, speed: Array) -> None:
         """Lay a bead along a way of the torch, shape (k,): metres and m/s."""
         rows = one.table.at(s)
         feed = np.where(np.isfinite(rows.feed), rows.feed, self.settings.wire_feed)
@@ -101,13 +102,10 @@ class CrawlWeld:
             state = self.metal.state
             opening = np.diff(state.toe_points[:, :, 0], axis=1)[:, 0]
             weave = np.maximum(np.interp(s, state.s, opening) - 2 * one.edge_gap, 0.0)
+        # Of each arc by its number: those of an interrupted run are laid again as they were.
+        self.metal.rng = np.random.default_rng([self.seed, WELD_RANDOM_STREAM, self._arcs])
+        self._arcs += 1
         self.metal.weld(TorchTrace(s, tip, down, speed, feed, heat, weave))
-
-    def lay_again(self, one: PassSettings, begin: float, end: float) -> None:
-        """Lay the bead of a pass that an interrupted run left, as the pass was commanded."""
-        s = np.linspace(begin, end, 200)
-        rows = one.table.at(s)
-        self.lay(one, s, rows.offset, rows.speed)
 
     def outline(self, along: float) -> Array:
         """Steel at a place, from plate to plate, shape (n, 2): across and height, metres."""

@@ -4,15 +4,32 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from hashlib import sha256
+from itertools import groupby
 from math import isnan
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from tjscan.core.files import write_files_atomically
-from tjscan.crawler.journal import CRAWL_RECORDING, CrawlCycle, SimulatedPlace, read_crawl
+from tjscan.core.frames import Array
+from tjscan.core.sourced import NumberSource, mean_of_numbers, number_entry, value_entry
+from tjscan.core.units import (
+    MM,
+    MM_S,
+    NO_UNIT,
+)
+from tjscan.crawler.journal import (
+    CRAWL_RECORDING,
+    ArcReading,
+    CrawlCycle,
+    PlannedPass,
+    SimulatedPlace,
+    read_crawl,
+)
 from tjscan.crawler.pass_record import PassRecord, pass_records, root_mean_square
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.torch_trace import TorchTrace
@@ -22,9 +39,13 @@ from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.run import read_result_file, table_to_csv
+from tjscan.runs.weld.results import STRETCH_UNITS
 
 PASSES_FILE: Final = "passes.csv"
 WELD_LOG_FILE: Final = "weld-log.json"
+
+ARC_UNITS: Final = {name: STRETCH_UNITS[name] for name in ("current", "voltage", "feed", "gas")}
+"""Means that a pass's log has of its power source, and their units."""
 
 PASS_COLUMNS: Final[dict[str, Callable[[PassRecord], object]]] = {
     "pass": lambda one: one.number,
@@ -62,6 +83,10 @@ class RecordedCrawl:
     events : tuple of RunEvent
     places : tuple of (CrawlCycle, SimulatedPlace)
         Where a simulated vehicle truly was; empty for a real one.
+    planned : mapping of int to PlannedPass
+        Passes that were planned from looks, as they were planned last, by their numbers.
+    readings : tuple of ArcReading
+        Of the power source.
     was_stopped : bool
         Whether what crawled last ends with a stop; else its program was killed. One that only
         waited to go on, and was refused or interrupted, does not count.
@@ -72,6 +97,22 @@ class RecordedCrawl:
     events: tuple[RunEvent, ...]
     places: tuple[tuple[CrawlCycle, SimulatedPlace], ...]
     was_stopped: bool
+    planned: Mapping[int, PlannedPass] = field(default_factory=dict)
+    readings: tuple[ArcReading, ...] = ()
+
+    @property
+    def true_arcs(self) -> Iterator[tuple[int, Array]]:
+        """Number of the pass, and the torch's true way in a simulation, of each arc.
+
+        The way has shape (k, 3): seconds, place along the joint, and to the right of it, metres.
+        """
+        before: list[tuple[CrawlCycle, SimulatedPlace]] = []
+        for (arc, number), group in groupby(self.places, lambda one: (one[0].arc, one[0].number)):
+            one = list(group)
+            if arc:  # struck where the place before was recorded
+                way = [(c.state.time, p.torch[0], p.torch[1] + c.torch_y) for c, p in before + one]
+                yield number, np.array(way)
+            before = one[-1:]
 
     def details_of(self, event_name: str) -> list[str]:
         """Details of all events of a name."""
@@ -94,6 +135,8 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
     places: list[tuple[CrawlCycle, SimulatedPlace]] = []
     events: list[RunEvent] = []
     traces: list[TorchTrace] = []
+    planned: dict[int, PlannedPass] = {}
+    readings: list[ArcReading] = []
     was_stopped = False
     for entry in read_crawl(directory):
         if isinstance(entry, CrawlCycle):
@@ -105,10 +148,21 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
                 was_stopped |= cycles[-1].phase is not Phase.MANUAL
         elif isinstance(entry, TorchTrace):
             traces.append(entry)
+        elif isinstance(entry, PlannedPass):
+            planned[entry.number] = entry
+        elif isinstance(entry, ArcReading):
+            readings.append(entry)
         elif cycles:
             places.append((cycles[-1], entry))
-    passes = pass_records(cycles, places, traces)
-    return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(places), was_stopped)
+    return RecordedCrawl(
+        tuple(cycles),
+        pass_records(cycles, places, traces),
+        tuple(events),
+        tuple(places),
+        was_stopped,
+        planned,
+        tuple(readings),
+    )
 
 
 def write_crawl_results(directory: Path, job: CrawlJob | None = None) -> None:
@@ -174,6 +228,7 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
                 "torch_sigma_rms_mm": _rounded_mm(root_mean_square(one.torch_sigma)),
                 "torch_jog_mm": round(1e3 * one.jog, 2),
                 "stops": one.stops,
+                **_look_and_arc(recorded, one.number),
             }
             for one in recorded.passes
         ],
@@ -183,3 +238,29 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
             if event.name == Phase.STOP
         ],
     }
+
+
+def _look_and_arc(recorded: RecordedCrawl, number: int) -> dict[str, Any]:
+    """What a pass was planned from, and what its power source reported; each with its source."""
+    found: dict[str, Any] = {}
+    believed, measured = NumberSource.BELIEVED, NumberSource.MEASURED
+    if (planned := recorded.planned.get(number)) is not None:
+        seen = NumberSource.SIMULATED if recorded.places else measured
+        found["look_before"] = {
+            "read": value_entry(1 - planned.unread, seen, NO_UNIT),
+            "torch_deviation": value_entry(planned.deviation, seen, MM),
+            "torch_deviation_sigma": value_entry(planned.deviation_sigma, believed, MM),
+            "deposition_gain": value_entry(planned.gain, believed, NO_UNIT),
+            "torch_offset": value_entry(planned.torch_offset, believed, MM),
+            "shrinkage_factor": value_entry(planned.shrinkage, believed, NO_UNIT),
+            "speed_least": value_entry(planned.speed.min(), NumberSource.SET, MM_S),
+            "speed_most": value_entry(planned.speed.max(), NumberSource.SET, MM_S),
+        }
+    if readings := [one for one in recorded.readings if one.number == number]:
+        found["arc"] = {
+            name: number_entry(mean_of_numbers([getattr(one, name) for one in readings]), unit)
+            for name, unit in ARC_UNITS.items()
+        }
+        raised = float(np.mean([one.raised for one in readings]))
+        found["arc"]["raised"] = value_entry(raised, NumberSource.SET, MM)
+    return found

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import islice, pairwise, takewhile
+from itertools import count, islice, pairwise, takewhile
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +22,7 @@ from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces
 from tjscan.crawler.joint_sections import COASTING_TIME, LastView
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import (
+    BEND_EVENT,
     CRAWL_RECORDING,
     CRAWL_TOPICS,
     CYCLES_TOGETHER,
@@ -40,6 +41,7 @@ from tjscan.crawler.paper_joint import PaperJointReader
 from tjscan.crawler.paper_method import PaperMethod
 from tjscan.crawler.pass_record import PASS_END
 from tjscan.crawler.phases import Phase
+from tjscan.crawler.plan import PassSettings, with_rows
 from tjscan.crawler.sizing import broken_rules
 from tjscan.crawler.slip_aware import SlipAwareMethod
 from tjscan.crawler.slip_calibration import (
@@ -52,11 +54,13 @@ from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchJog
 from tjscan.crawler.torch_trace import TRACED_PHASES, TorchTracer
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, SimulatedWeld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.planning.wps import read_wps
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.journal import LOG_TOPIC, REPLAY_EVENT, Journal, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.topic import Topic
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
+from tjscan.runs.crawl.replan import CrawlPassPlanner
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (
     JobContext,
@@ -66,6 +70,7 @@ from tjscan.runs.run import (
     do_nothing,
     job_snapshot_of_file,
     make_vehicle_run_directory,
+    nobody_objects,
     record_vehicle_run,
 )
 from tjscan.vehicle.vehicle import DEAD_MAN_TIME
@@ -140,17 +145,52 @@ class CrawlContext(JobContext[CrawlJob]):
         Drives by hand before the crawl begins; none by default.
     jog : TorchJog
         Holds what a person adds to the torch's path; nothing by default.
+    arc : bool
+        Whether the power source that the job names may strike an arc.
+    ask : callable
+        Asks a person to strike an arc by hand, or to end it.
     """
 
     operator: WeldOperator = field(default_factory=AutomaticWeldOperator)
     hand: HandDrive | None = None
     jog: TorchJog = field(default_factory=lambda: TorchJog(0.0))
+    arc: bool = False
+    ask: Callable[[str], bool] = nobody_objects
 
     @property
     def calibration_file(self) -> Path | None:
         """The calibration that the job names, if it names one."""
         name = self.job.calibration
         return None if name is None else self.job_file.parent / name
+
+    @property
+    def wps_file(self) -> Path | None:
+        """The welding procedure specification that the job names, if it names one."""
+        name = self.job.weld.wps
+        return None if name is None else self.job_file.parent / name
+
+    def check_arc(self) -> None:
+        """Refuse an arc that was not asked for in the very command, or without a WPS to read.
+
+        Raises
+        ------
+        ConfigurationError
+            With what is missing.
+        """
+        if self.wps_file is not None:
+            read_wps(self.wps_file)
+        if self.job.power is not None and not self.arc:
+            raise ConfigurationError(
+                "names a power source, and it strikes no arc without --arc in the command: add it, "
+                "or leave [power] out",
+                key="power",
+            )
+
+    def make_planner(self) -> CrawlPassPlanner | None:
+        """Make what plans the passes; None if they are as the job states them."""
+        if not self.job.weld.layers or self.wps_file is None:
+            return None
+        return CrawlPassPlanner(self.job, read_wps(self.wps_file))
 
     @property
     def initial_slip(self) -> SlipEstimate:
@@ -187,6 +227,8 @@ def make_crawler(
     method: FollowingMethod,
     journal: Journal,
     reader: JointReader | None = None,
+    planner: CrawlPassPlanner | None = None,
+    passes: Sequence[PassSettings] = (),
 ) -> Crawler:
     """Make the crawler of a job in a cell whose devices are connected.
 
@@ -198,8 +240,14 @@ def make_crawler(
     journal : Journal
     reader : JointReader, optional
         Which remembers the joint already; one that has seen nothing if left out.
+    planner : CrawlPassPlanner, optional
+        Of the passes; they are as stated if left out.
+    passes : sequence of PassSettings, optional
+        In place of the job's: as those that were begun were planned.
     """
     job = context.job
+    if planner is not None and cell.world is not None:
+        planner.tell = cell.world.take_plan
     devices = CrawlDevices(
         cell.vehicle,
         cell.laser,
@@ -209,8 +257,9 @@ def make_crawler(
         job.vehicle.tracks,
         context.jog,
         job.vehicle.laser_to_torch,
+        cell.power,
     )
-    plan = CrawlPlan(job.alignment, job.weld, job.passes)
+    plan = CrawlPlan(job.alignment, job.weld, tuple(passes) or job.passes, planner)
     corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
     guards = Guards(job.guards, ProximityFilter(job.proximity), corners)
     return Crawler(devices, plan, method, guards, context.operator, journal, context.hand)
@@ -271,8 +320,11 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
         If the job is wrong, a guard stops the crawler or a device fails; the recording holds
         what happened until then, and the results are written from it.
     """
+    with add_file_to_errors(context.job_file):
+        context.check_arc()
+        planner = context.make_planner()
     cell, method = _prepare_crawl(context, directory)
-    _record_crawl(context, directory, cell, method)
+    _record_crawl(context, directory, cell, method, planner=planner)
 
 
 def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, FollowingMethod]:
@@ -280,7 +332,7 @@ def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, F
     with add_file_to_errors(context.job_file):
         check_sizing(context.job)
         method = context.make_method()
-        cell = make_crawl_cell(context.job)
+        cell = make_crawl_cell(context.job, ask=context.ask)
         make_vehicle_run_directory(directory, context)
     return cell, method
 
@@ -292,6 +344,8 @@ def _record_crawl(
     method: FollowingMethod,
     start: CrawlStart | None = None,
     reader: JointReader | None = None,
+    planner: CrawlPassPlanner | None = None,
+    passes: Sequence[PassSettings] = (),
 ) -> None:
     """Crawl, record, and write the results, however it ended.
 
@@ -306,6 +360,8 @@ def _record_crawl(
         Where an interrupted crawl left off.
     reader : JointReader, optional
         Which remembers the joint already.
+    planner, passes : optional
+        As of `make_crawler`.
     """
     record = partial(CrawlRecording, truth=cell.simulated_place)
     results = partial(write_crawl_results, job=context.job)
@@ -313,7 +369,7 @@ def _record_crawl(
         accept_edited_copies(directory, journal)
         if short := short_pass_warning(context.job, method.slip):
             journal.record(RunEvent(WARNING_EVENT, short))
-        make_crawler(context, cell, method, journal, reader).run(start)
+        make_crawler(context, cell, method, journal, reader, planner, passes).run(start)
 
 
 def resume_crawl(
@@ -365,20 +421,31 @@ def resume_crawl(
                 f"must be between {1e3 * first:g} and {1e3 * end:g}"
             )
         start = replace(start, travel=place, was_set_down=True)
-        slip = slip_after_set_down(found, context.job)
+        slip = slip_after_set_down(found, context.job, place)
+    passes = tuple(
+        one if planned is None else with_rows(one, planned.table)
+        for one, planned in zip(context.job.passes, map(found.planned.get, count(1)), strict=False)
+    )
     if found.places:
-        arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
-        welded = tuple((arc.min(), arc.max()) for arc in arcs)
-        left = InterruptedWorld(np.array(found.places[-1][1].pose_w), last.state.time, welded)
+        arcs = tuple((passes[number - 1], way) for number, way in found.true_arcs)
+        pose_w = np.array(found.places[-1][1].pose_w)
+        left = InterruptedWorld(pose_w, last.state.time, arcs, start.passes_done)
     with add_file_to_errors(context.job_file):
         check_sizing(context.job)
-        cell = make_crawl_cell(context.job, left)
+        context.check_arc()
+        cell = make_crawl_cell(context.job, left, context.ask)
+        planner = context.make_planner()
     method, reader = context.make_method(slip), context.make_reader()
     context.jog.move(last.jog)
+    readings = []
     for cycle, profile in found.profiles:
         with suppress(GrooveNotFound):
-            reader.read(profile, cycle.travel)
-    _record_crawl(context, directory, cell, method, start, reader)
+            readings.append((cycle, reader.read(profile, cycle.travel)))
+    if planner is not None:
+        planner.replay(tuple(found.planned), readings)
+        if cell.world is not None and start.arc_from > 0:
+            cell.world.take_plan(passes[start.passes_done])
+    _record_crawl(context, directory, cell, method, start, reader, planner, passes)
 
 
 def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
@@ -397,11 +464,12 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     return slip.with_unseen_travel(way, job.steering.least_radius)
 
 
-def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
-    """What is known of slip when the vehicle was set down elsewhere; see `slip_after_stop`."""
+def slip_after_set_down(found: RecordedCrawl, job: CrawlJob, place: float) -> SlipEstimate | None:
+    """What is known of slip when the vehicle was set down at a place; see `slip_after_stop`."""
     crawled = found.crawling_cycles
-    slip = crawled[-1].slip if crawled else None
-    return None if slip is None else slip.at_new_start(job.slip)
+    if not crawled or (slip := crawled[-1].slip) is None:
+        return None
+    return slip.at_new_start(job.slip, moved=place - crawled[-1].travel)
 
 
 def find_start_after_stop(
@@ -471,6 +539,7 @@ def _shuttle(context: CrawlContext, directory: Path, *, registers: bool = False)
         if context.job.method != "slip-aware":
             raise ConfigurationError("the paper's method learns no slip", key="method")
     cell, method = _prepare_crawl(context, directory)
+    cell = replace(cell, power=None)  # nothing is welded
     if cell.world is not None and isinstance(cell.world.torch, SimulatedTorchAxes):
         context = replace(context, operator=SeeingWeldOperator(cell.world, context.jog))
     record = partial(CrawlRecording, truth=cell.simulated_place)
@@ -563,14 +632,17 @@ def replay_crawl(
     with add_file_to_errors(job_file):
         method = context.make_method()
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
-    set_down = [_begins_set_down(part) for part in parts]
+    places = [_place_of_set_down(part) for part in parts]
     make_vehicle_run_directory(out, context)
     origin = job_snapshot_of_file(out / JOB_FILE)
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:
-                known = slip_after_set_down if set_down[number] else slip_after_stop
-                method = context.make_method(known(read_recorded_crawl(out), context.job))
+                found, place = read_recorded_crawl(out), places[number]
+                slip = slip_after_stop(found, context.job)
+                if place is not None:
+                    slip = slip_after_set_down(found, context.job, place)
+                method = context.make_method(slip)
             with RecordingWriter(out / part.name, CRAWL_TOPICS, origin) as recording:
                 replayed = _replayed_messages(part, method, f"{directory}")
                 while messages := list(islice(replayed, CYCLES_TOGETHER)):
@@ -579,10 +651,15 @@ def replay_crawl(
     finished(out)
 
 
-def _begins_set_down(part: Path) -> bool:
-    """Read a part of a recording to its end: whether it begins where its operator set it down."""
-    events = [entry.message for entry in read_crawl_messages(part) if entry.topic is LOG_TOPIC]
-    return any(event.name == SET_DOWN_EVENT for event in events)
+def _place_of_set_down(part: Path) -> float | None:
+    """Read a part of a recording to its end: where its operator set it down; None if he did not."""
+    place, is_set_down = None, False
+    for entry in read_crawl_messages(part):
+        if entry.topic is LOG_TOPIC:
+            is_set_down |= entry.message.name == SET_DOWN_EVENT
+        elif place is None and isinstance(entry.message, CrawlCycle):
+            place = entry.message.travel
+    return place if is_set_down else None
 
 
 def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:
@@ -601,6 +678,8 @@ def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iter
                 yield entry.time, TRACE_TOPIC, trace
                 event = event_log_message(entry.time, Log.Level.INFO, TORCH_EVENT, trace.text)
                 yield entry.time, LOG_TOPIC, event
+            if is_event and cycle.name == BEND_EVENT:
+                method.follow_bend()
             if entry.topic is not TRACE_TOPIC and not (is_event and cycle.name == TORCH_EVENT):
                 yield entry.time, entry.topic, cycle
             continue

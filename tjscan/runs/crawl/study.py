@@ -152,6 +152,8 @@ class CrawlStudyBackend(trial.StudyBackend[CrawlOutcome]):
                 "a study's vehicles differ, and a calibration is of one: leave this key out",
                 key="calibration",
             )
+        if job.weld.layers:
+            raise ConfigurationError("a study plans no passes from looks", key="weld.layers")
         return trial.ResolvedRun(trial.canonical_json(table_to_dict(job)), {})
 
     def execute_run(self, settings: str) -> CrawlOutcome:

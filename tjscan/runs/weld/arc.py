@@ -11,7 +11,12 @@ from typing import Final, Protocol
 import numpy as np
 
 from tjscan.core.errors import WeldStopped
-from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
+from tjscan.core.sourced import (
+    ABSENT_NUMBER,
+    NumberSource,
+    SourcedNumber,
+    mean_of_numbers,
+)
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.power.height import ArcHeight, ArcHeightSettings
 from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
@@ -118,6 +123,7 @@ class _Samples:
     s: list[float] = field(default_factory=list)
     speed: list[float] = field(default_factory=list)
     feed: list[float] = field(default_factory=list)
+    raised: list[float] = field(default_factory=list)
     sample: list[PowerSample] = field(default_factory=list)
 
 
@@ -213,7 +219,7 @@ class ArcWelder:
                 seen.speed.append(speed)
                 seen.feed.append(setting.feed)
                 seen.sample.append(arc.sample)
-                self._follow_current(height, bead, s, setting, arc.sample)
+                seen.raised.append(self._follow_current(height, bead, s, setting, arc.sample))
                 feed = float(np.interp(s, bead.s, bead.feed))
                 if abs(feed - setting.feed) >= FEED_STEP:
                     setting = PowerSetting(feed)
@@ -227,7 +233,7 @@ class ArcWelder:
         s: float,
         setting: PowerSetting,
         sample: PowerSample,
-    ) -> None:
+    ) -> float:
         """Lead the torch to the height that the current asks for; says once where it may not."""
         raised = 0.0 if height is None else height.raised
         if height is not None and sample.current.value is not None:
@@ -239,6 +245,7 @@ class ArcWelder:
                 where = f"{name_of_bead(bead.number, self.station)} at {1e3 * s:.1f} mm"
                 self.journal.record(RunEvent(HEIGHT_EVENT, f"{where}: {asked}: {why}"))
         self.raise_torch(s, raised)
+        return raised
 
     def _settle(self, arc: ArcSequence) -> None:
         """Put an arc out, and watch it until no current flows; raises no error."""
@@ -299,8 +306,11 @@ class ArcWelder:
             on = np.flatnonzero(row_of == row)
             samples = [seen.sample[i] for i in on]
             current = [one.current for one in samples]
-            mean, voltage = _mean_of(current), _mean_of([one.voltage for one in samples])
-            fed = _mean_of([one.feed for one in samples])
+            mean, voltage = (
+                mean_of_numbers(current),
+                mean_of_numbers([one.voltage for one in samples]),
+            )
+            fed = mean_of_numbers([one.feed for one in samples])
             if fed.value is None:
                 fed = SourcedNumber(float(np.mean([seen.feed[i] for i in on])), NumberSource.SET)
             moved = NumberSource.SIMULATED if self.simulated else NumberSource.MEASURED
@@ -312,22 +322,15 @@ class ArcWelder:
                 begin=arc.begin + row * STRETCH_LENGTH,
                 end=min(arc.begin + (row + 1) * STRETCH_LENGTH, arc.end),
                 current=mean,
-                current_least=_mean_of(current, min),
-                current_most=_mean_of(current, max),
+                current_least=mean_of_numbers(current, min),
+                current_most=mean_of_numbers(current, max),
                 voltage=voltage,
                 feed=fed,
-                gas=_mean_of([one.gas for one in samples]),
+                gas=mean_of_numbers([one.gas for one in samples]),
                 speed=SourcedNumber(float(arc.speed[on].mean()), moved),
                 heat_input=SourcedNumber(float(arc.heat_input[on].mean()), source),
                 station=self.station,
+                raised=ABSENT_NUMBER
+                if self.height is None
+                else SourcedNumber(float(np.mean([seen.raised[i] for i in on])), NumberSource.SET),
             )
-
-
-def _mean_of(
-    numbers: list[SourcedNumber], of: Callable[[list[float]], float] | None = None
-) -> SourcedNumber:
-    """Mean, or another function, of numbers of one source; absent if one of them is."""
-    values = [one.value for one in numbers if one.value is not None]
-    if not numbers or len(values) < len(numbers):
-        return ABSENT_NUMBER
-    return SourcedNumber(float(np.mean(values) if of is None else of(values)), numbers[0].source)

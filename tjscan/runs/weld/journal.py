@@ -8,15 +8,17 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from tjscan.core.frames import Array, array_dataclass
 from tjscan.core.signals import delay_ctrl_c
-from tjscan.core.sourced import SourcedNumber
+from tjscan.core.sourced import ABSENT_NUMBER, SourcedNumber
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
-from tjscan.runs.weld.look import SurfaceLook
+from tjscan.welding.look import SurfaceLook
 from tjscan.welding.replan import NextBead
 
 WELD_RECORDING: Final = "weld"
@@ -98,6 +100,9 @@ class ArcStretchMessage:
         Metres along the groove.
     current, current_least, current_most, voltage, feed, gas, speed, heat_input : SourcedNumber
         Means, and the least and the most of the current; A, V, m/s, m³/s, m/s and J/m.
+    raised : SourcedNumber
+        By how much the torch was led over the plan to follow the current, metres; absent if it
+        was not to follow it.
     station : str, optional
         Of the arm.
     """
@@ -113,6 +118,7 @@ class ArcStretchMessage:
     gas: SourcedNumber
     speed: SourcedNumber
     heat_input: SourcedNumber
+    raised: SourcedNumber = ABSENT_NUMBER
     station: str = ""
 
 
@@ -130,8 +136,9 @@ class LookMessage:
         Columns, metres.
     heights : ndarray, shape (n k,)
         At each station, row by row, metres.
-    sigma : ndarray, shape (n,)
-        Of the heights, metres.
+    sigma : ndarray, shape (n k,)
+        Of each height, metres; `UNSEEN_SIGMA` where it was not seen. Recordings of earlier
+        versions hold one at each station, shape (n,).
     read : ndarray, shape (n,)
         1 where it was read.
     deviation, deviation_sigma : float or None
@@ -166,8 +173,9 @@ class LookMessage:
     @property
     def seen(self) -> SurfaceLook:
         """The surface that it shows."""
-        w = self.heights.reshape(len(self.sigma), len(self.u))
-        return SurfaceLook(self.u, w, self.sigma, self.read > 0)
+        shape = len(self.read), len(self.u)
+        w, sigma = self.heights.reshape(shape), self.sigma.reshape(len(self.read), -1)
+        return SurfaceLook(self.u, w, np.broadcast_to(sigma, shape), self.read > 0)
 
 
 BEAD_TOPIC: Final = Topic.of("/weld/bead", PlannedBeadMessage)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Final
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation, Slerp
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import (
     Array,
-    Mask,
     array_dataclass,
     inverse_pose,
     pose,
@@ -26,19 +24,11 @@ from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import GrooveStations
-
-COLUMN_STEP: Final = 0.25e-3
-"""Between two columns of a surface, metres."""
-
-WIDEST_GAP: Final = 1.5e-3
-"""Between two points of a profile, over which its surface is not known, metres."""
+from tjscan.welding.look import SurfaceLook, heights_over_columns, look_of_heights
 
 POOLED_STEPS: Final = 1.5
 """Steps of a look to either side of a station whose profiles count, by their median: a reflection
 that passes for steel in one is elsewhere in the next."""
-
-LEAST_SEEN_SHARE: Final = 0.95
-"""Of a section's columns between its toes, for it to count as read."""
 
 FLANK_STEP, BEYOND_ENDS = 2e-3, 20e-3
 """Between places at which the bare groove's faces are known, and how far beyond its ends: a laser's
@@ -46,28 +36,6 @@ plane is turned against the sections. Metres."""
 
 NEAR_FLANKS: Final = 20
 """Of these places, to either side of where a laser's plane cuts the groove, are its faces taken."""
-
-
-@array_dataclass
-class SurfaceLook:
-    """What a look shows at n stations.
-
-    Parameters
-    ----------
-    u : ndarray, shape (k,)
-        Columns across the groove, metres.
-    w : ndarray, shape (n, k)
-        Heights, metres.
-    sigma : ndarray, shape (n,)
-        Standard deviation of the heights, metres.
-    read : ndarray of bool, shape (n,)
-        Stations at which it was read.
-    """
-
-    u: Array
-    w: Array
-    sigma: Array
-    read: Mask
 
 
 def interpolate_poses(poses: Sequence[Array], step: float) -> Iterator[Array]:
@@ -234,43 +202,15 @@ def surface_of_profiles(
     u : ndarray, shape (m,)
         Columns, metres.
     toes_u : ndarray, shape (n, 2)
-        Of the finished weld at each station: a station is read if the columns between are.
+        Of the finished weld at each station.
     step : float
         Between two profiles, metres: farther from any, nothing is known.
     """
-    rows = [_profile_over_columns(stations, *steel, u) for steel in profiles]
-    at, height, sigma = np.moveaxis(np.array(rows), 1, 0)
-    shape = len(stations.s), len(u)
-    w, sigmas = np.full(shape, np.nan), np.full(shape, np.nan)
-    with warnings.catch_warnings():  # a column that no profile shows has no median
-        warnings.simplefilter("ignore", RuntimeWarning)
-        for k, s in enumerate(stations.s):
-            near = np.abs(at - s) < POOLED_STEPS * step
-            w[k], sigmas[k] = (
-                np.nanmedian(np.where(near, values, np.nan), axis=0) for values in (height, sigma)
-            )
-    seen = np.isfinite(w)
-    between = (u >= toes_u[:, :1]) & (u <= toes_u[:, 1:])
-    read = (seen & between).sum(axis=1) >= LEAST_SEEN_SHARE * between.sum(axis=1)
-    for row, known in zip(w, seen, strict=True):
-        if known.any():
-            row[~known] = np.interp(u[~known], u[known], row[known])
-    variance = np.mean(np.nan_to_num(sigmas) ** 2, axis=1, where=between)
-    return SurfaceLook(u, np.nan_to_num(w), np.sqrt(variance), read)
-
-
-def _profile_over_columns(
-    stations: GrooveStations, points: Array, sigmas: Array, u: Array
-) -> Array:
-    """Place along the groove, height and its sigma at columns; NaN where nothing is shown."""
-    s, places = place_in_sections(stations, points)
-    known = np.flatnonzero(np.isfinite(s))
-    if len(known) < 2:
-        return np.full((3, len(u)), np.nan)
-    order = known[np.argsort(places[known, 0], kind="stable")]
-    across = places[order, 0]
-    after = np.clip(np.searchsorted(across, u), 1, len(across) - 1)
-    hidden = across[after] - across[after - 1] > WIDEST_GAP
-    hidden |= (u < across[0]) | (u > across[-1])
-    rows = [np.interp(u, across, values[order]) for values in (s, places[:, 1], sigmas)]
-    return np.where(hidden, np.nan, rows)
+    rows = []
+    for points, sigmas in profiles:
+        s, places = place_in_sections(stations, points)
+        known = np.isfinite(s)
+        across, up = places[known].T
+        rows.append(heights_over_columns(across, (s[known], up, sigmas[known]), u))
+    at, heights, noise = np.moveaxis(np.array(rows), 1, 0)
+    return look_of_heights(stations.s, (at, heights, noise), u, toes_u, POOLED_STEPS * step)

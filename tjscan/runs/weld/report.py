@@ -87,7 +87,7 @@ def _weld_findings(found: RecordedWeld) -> Iterator[str]:
 def _weld_charts(found: RecordedWeld) -> Iterator[ReportChart]:
     if not found.looks:
         return
-    middle = len(found.looks[0].sigma) // 2
+    middle = len(found.looks[0].read) // 2
     title = "section in the middle of the weld, look by look"
     for look in found.looks:
         x, y = 1e3 * look.u, 1e3 * look.seen.w[middle]

@@ -7,12 +7,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from statistics import median
 from typing import Any, Final
 
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
-from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
-from tjscan.core.units import LITRE_PER_MINUTE, M_PER_MIN, MM, MM2, SECONDS, FileUnit
+from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, number_entry, value_entry
+from tjscan.core.units import (
+    LITRE_PER_MINUTE,
+    M_PER_MIN,
+    MM,
+    MM2,
+    NO_UNIT,
+    SECONDS,
+    FileUnit,
+)
 from tjscan.planning.wps import KJ_PER_MM, MM_PER_MIN
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
@@ -32,7 +41,6 @@ WELD_LOG_FILE: Final = "weld-log.json"
 SIMULATED_WELD_NOTE: Final = "SIMULATED: no metal was melted, and no real arm led the torch"
 """What every file and page of a simulated weld says."""
 
-NO_UNIT: Final = FileUnit("")
 AMPERE_UNIT: Final = FileUnit("A")
 VOLT_UNIT: Final = FileUnit("V")
 CELSIUS_UNIT: Final = FileUnit("C")
@@ -46,6 +54,7 @@ STRETCH_UNITS: Final[Mapping[str, FileUnit]] = {
     "gas": LITRE_PER_MINUTE,
     "speed": MM_PER_MIN,
     "heat_input": KJ_PER_MM,
+    "raised": MM,
 }
 """Numbers of a stretch and the units that the log gives them in."""
 
@@ -127,8 +136,8 @@ def weld_log(directory: Path, found: RecordedWeld) -> dict[str, Any]:
             for file in inputs
             if file.is_file()
         },
-        "preheat_temperature": _number(ABSENT_NUMBER, CELSIUS_UNIT),
-        "interpass_temperature": _number(ABSENT_NUMBER, CELSIUS_UNIT),
+        "preheat_temperature": number_entry(ABSENT_NUMBER, CELSIUS_UNIT),
+        "interpass_temperature": number_entry(ABSENT_NUMBER, CELSIUS_UNIT),
         "beads": [_bead_entry(found, bead) for bead in found.beads],
         "looks": [_look_entry(look, found.source) for look in found.looks],
         "stops": [event.detail for event in found.events if event.name == "stop"],
@@ -143,11 +152,11 @@ def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]
         "layer": str(bead.layer + 1),
         "station": bead.station,
         "planned": {
-            "area_least": _entry(bead.area.min(), planned, MM2),
-            "area_most": _entry(bead.area.max(), planned, MM2),
-            "speed_least": _entry(bead.speed.min(), set_, MM_PER_MIN),
-            "speed_most": _entry(bead.speed.max(), set_, MM_PER_MIN),
-            "at_a_limit_of_the_wps": _entry(bead.is_at_limit.mean(), planned, NO_UNIT),
+            "area_least": value_entry(bead.area.min(), planned, MM2),
+            "area_most": value_entry(bead.area.max(), planned, MM2),
+            "speed_least": value_entry(bead.speed.min(), set_, MM_PER_MIN),
+            "speed_most": value_entry(bead.speed.max(), set_, MM_PER_MIN),
+            "at_a_limit_of_the_wps": value_entry(bead.is_at_limit.mean(), planned, NO_UNIT),
         },
         "arcs": [_arc_entry(arc) for arc in found.arcs_of(bead)],
         "stretches": [_stretch_entry(row) for row in found.stretches if bead.is_of(row)],
@@ -157,9 +166,9 @@ def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]
 def _arc_entry(arc: ArcMessage) -> dict[str, Any]:
     source = NumberSource.SIMULATED if arc.simulated else NumberSource.MEASURED
     return {
-        "begin": _entry(arc.begin, source, MM),
-        "end": _entry(arc.end, source, MM),
-        "arc_time": _entry(arc.seconds, source, SECONDS),
+        "begin": value_entry(arc.begin, source, MM),
+        "end": value_entry(arc.end, source, MM),
+        "arc_time": value_entry(arc.seconds, source, SECONDS),
         "fault": arc.fault,
     }
 
@@ -167,9 +176,9 @@ def _arc_entry(arc: ArcMessage) -> dict[str, Any]:
 def _stretch_entry(row: ArcStretchMessage) -> dict[str, Any]:
     moved = row.speed.source
     return {
-        "begin": _entry(row.begin, moved, MM),
-        "end": _entry(row.end, moved, MM),
-        **{name: _number(getattr(row, name), unit) for name, unit in STRETCH_UNITS.items()},
+        "begin": value_entry(row.begin, moved, MM),
+        "end": value_entry(row.end, moved, MM),
+        **{name: number_entry(getattr(row, name), unit) for name, unit in STRETCH_UNITS.items()},
     }
 
 
@@ -178,22 +187,11 @@ def _look_entry(look: LookMessage, measured: NumberSource) -> dict[str, Any]:
     return {
         "after_passes": str(look.beads),
         "station": look.station,
-        "read": _entry(look.read.mean(), measured, NO_UNIT),
-        "height_sigma": _entry(look.sigma.mean(), believed, MM),
-        "torch_deviation": _entry(look.deviation, measured, MM),
-        "torch_deviation_sigma": _entry(look.deviation_sigma, believed, MM),
-        "deposition_gain": _entry(look.gain, believed, NO_UNIT),
-        "torch_offset": _entry(look.offset, believed, MM),
-        "shrinkage_factor": _entry(look.shrinkage, believed, NO_UNIT),
+        "read": value_entry(look.read.mean(), measured, NO_UNIT),
+        "height_sigma": value_entry(median(look.sigma), believed, MM),
+        "torch_deviation": value_entry(look.deviation, measured, MM),
+        "torch_deviation_sigma": value_entry(look.deviation_sigma, believed, MM),
+        "deposition_gain": value_entry(look.gain, believed, NO_UNIT),
+        "torch_offset": value_entry(look.offset, believed, MM),
+        "shrinkage_factor": value_entry(look.shrinkage, believed, NO_UNIT),
     }
-
-
-def _entry(value: float | None, source: NumberSource, unit: FileUnit) -> dict[str, Any]:
-    """A number as the log has it; None is absent, whatever its source would be."""
-    return _number(ABSENT_NUMBER if value is None else SourcedNumber(float(value), source), unit)
-
-
-def _number(number: SourcedNumber, unit: FileUnit) -> dict[str, Any]:
-    shown = number.in_unit(unit.factor)
-    value = None if shown.value is None else float(f"{shown.value:.6g}")
-    return {"value": value, "unit": unit.suffix, "source": str(number.source)}

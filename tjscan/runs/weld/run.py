@@ -31,7 +31,13 @@ from tjscan.power.source import PowerSource
 from tjscan.recording.journal import Journal, RunEvent
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, JOINT_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_finished_sections
-from tjscan.runs.run import JobContext, make_run_directory, record_vehicle_run
+from tjscan.runs.run import (
+    WPS_FILE,
+    JobContext,
+    make_run_directory,
+    nobody_objects,
+    record_vehicle_run,
+)
 from tjscan.runs.scan.run import ScanContext, resume_scan, run_scan
 from tjscan.runs.stations.run import (
     StationScan,
@@ -40,7 +46,6 @@ from tjscan.runs.stations.run import (
     run_stations,
     stitch_station_runs,
 )
-from tjscan.runs.weld import look as looking
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, WallClock, left_to_weld
 from tjscan.runs.weld.beads import WeldPass, order_beads, passes_of_weld
 from tjscan.runs.weld.journal import (
@@ -60,6 +65,7 @@ from tjscan.runs.weld.results import write_weld_results
 from tjscan.runs.weld.stations import ArmStation, arm_stations
 from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.stopping import StopRequest
+from tjscan.welding.look import COLUMN_STEP, SurfaceLook
 from tjscan.welding.replan import BeadOrder, GroovePart, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
 from tjscan.welding.target import WeldTarget
@@ -67,8 +73,6 @@ from tjscan.welding.world import TorchTrace, WeldWorld
 
 SCAN_DIRECTORY: Final = "scan"
 """Of the scan, in a weld's run directory."""
-
-WPS_FILE: Final = "wps.toml"
 
 RAY_HEIGHT: Final = 60e-3
 """Above the sections' origins from which the true surface is sought, metres."""
@@ -96,11 +100,6 @@ class LookSchedule(StrEnum):
     LAYER = "layer"
     CAP = "cap"
     NONE = "none"
-
-
-def nobody_objects(question: str) -> bool:
-    """Whether a person agrees, in a simulation: always."""
-    return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -480,7 +479,7 @@ class Weld:
             If an arc has no recorded end, and no one says that its metal is ground out.
         """
         if self._open_arc and not self.context.ask(
-            f"what an arc laid is ground out whose end was not recorded ({self._open_arc})"
+            f"grind out what an arc laid whose end was not recorded ({self._open_arc})"
         ):
             raise WeldStopped("arc", f"no one knows how far it burned: {self._open_arc}")
         if not self._arcs:
@@ -526,18 +525,15 @@ class Weld:
         name = self._pass.station
         if name == self._at or len(self.arms) < 2:
             return
-        what = f"the arm stands at station {name}, just as it did for the scan"
-        if not self.context.ask(what):
+        if not self.context.ask(f"move the arm to station {name}, just as it stood for the scan"):
             raise WeldStopped("hold", f"the arm was not moved to station {name}")
-        journal.record(RunEvent(STATION_EVENT, what))
+        journal.record(RunEvent(STATION_EVENT, f"the arm is at station {name}"))
         self._at = name
 
     def _wait_before(self, bead: NextBead) -> None:
         number = bead.number + 1
         self._stop_if_asked()
-        if number in self.context.job.weld.holds and not self.context.ask(
-            f"bead {number} may be welded"
-        ):
+        if number in self.context.job.weld.holds and not self.context.ask(f"weld bead {number}"):
             raise WeldStopped("hold", f"bead {number} was not let go")
 
     def _stop_if_asked(self) -> None:
@@ -622,7 +618,7 @@ class Weld:
                 time,
                 seen.u,
                 seen.w.ravel(),
-                seen.sigma,
+                seen.sigma.ravel(),
                 seen.read.astype(float),
                 None if deviation is None else deviation.value,
                 None if deviation is None else deviation.sigma,
@@ -637,9 +633,7 @@ class Weld:
             what = f"{where}, or too short a stretch of it: no arc burns there"
             journal.record(RunEvent("not read", what))
 
-    def over_all_sections(
-        self, looks: Sequence[tuple[looking.SurfaceLook, str]]
-    ) -> looking.SurfaceLook:
+    def over_all_sections(self, looks: Sequence[tuple[SurfaceLook, str]]) -> SurfaceLook:
         """What looks from stations show of the whole groove: of two at a section the later one."""
         n, (first, _) = len(self.stations.s), looks[0]
         w, sigma, read = (
@@ -651,9 +645,9 @@ class Weld:
             new = seen.read | ~read[part.rows]
             rows = part.rows[new]
             w[rows], sigma[rows], read[rows] = seen.w[new], seen.sigma[new], seen.read[new]
-        return looking.SurfaceLook(first.u, w, sigma, read)
+        return SurfaceLook(first.u, w, sigma, read)
 
-    def _take_look(self, seen: looking.SurfaceLook, name: str) -> WeldPlanner:
+    def _take_look(self, seen: SurfaceLook, name: str) -> WeldPlanner:
         """Take in a look from a station; where none has read the groove before, it is bare."""
         part, n = self.arms[name].part, len(self.stations.s)
         whole = self.over_all_sections([(seen, name)])
@@ -678,7 +672,7 @@ class Weld:
 
 def _columns(toes_u: Array, margin: float) -> Array:
     low, high = float(toes_u[:, 0].min()) - margin, float(toes_u[:, 1].max()) + margin
-    return np.linspace(low, high, 1 + round((high - low) / looking.COLUMN_STEP))
+    return np.linspace(low, high, 1 + round((high - low) / COLUMN_STEP))
 
 
 def _tilt_of_gravity(stations: GrooveStations, gravity: Array) -> Array:

@@ -27,6 +27,7 @@ from tjscan.runs.scan.run import ScanContext, result_frame_of_job
 from tjscan.runs.weld import look as looking
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
+from tjscan.welding.look import SurfaceLook
 from tjscan.welding.replan import GroovePart
 
 SAME_PLACE: Final = 1e-6
@@ -74,7 +75,7 @@ class ArmStation:
         toes_u: Array,
         settings: WeldSettings,
         must_stop: Callable[[], bool],
-    ) -> tuple[looking.SurfaceLook, float]:
+    ) -> tuple[SurfaceLook, float]:
         """Go the way of the scan again over the groove as it now is.
 
         Parameters

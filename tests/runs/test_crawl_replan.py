@@ -1,0 +1,197 @@
+"""A crawl plans each pass from its way back, with the arc of a power source."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tjscan.core.errors import ConfigurationError, TjscanError
+from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.phases import Phase
+from tjscan.crawler.plan import PassSettings
+from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.planning.wps import read_wps
+from tjscan.runs.crawl.replan import CrawlPassPlanner
+from tjscan.runs.crawl.results import read_recorded_crawl
+from tjscan.runs.crawl.run import CrawlContext, calibrate_slip, resume_crawl, run_crawl
+from tjscan.vehicle.vehicle import AT_REST, VehicleState
+
+WPS = Path(__file__).parents[2] / "examples" / "wps.toml"
+JOB = """
+[vehicle]
+laser_to_torch_mm = 30
+[alignment]
+length_mm = 60
+longest_mm = 100
+offset_mm = 20
+offset_sigma_mm = 20
+in_view_s = 0.1
+return_speed_mm_s = 40
+speed_mm_s = 40
+[guards]
+torch_sigma_mm = 20
+torch_off_mm = 20
+[weld]
+length_m = 0.03
+run_up_mm = 30
+wps = "wps.toml"
+layers = [1, 1, 1]
+[weld.arc]
+preflow_s = 0.1
+postflow_s = 0.1
+crater_s = 0.1
+[power]
+driver = "simulated"
+[[pass]]
+feed_m_min = 9
+[[pass]]
+feed_m_min = 9
+weave_mm = 1.5
+weave_period_s = 1
+[[pass]]
+feed_m_min = 9
+[simulation.vehicle]
+start_mm = [-30.0, 0.1]
+[simulation.joint]
+width_mm = 20
+depth_mm = 16
+length_m = 0.2
+[simulation.weld]
+gain_percent = 3
+shrinkage_percent = -95
+"""
+
+
+def write_job(folder: Path) -> Path:
+    shutil.copyfile(WPS, folder / "wps.toml")
+    file = folder / "crawl.toml"
+    file.write_text(JOB)
+    return file
+
+
+@pytest.fixture
+def job_file(tmp_path: Path) -> Path:
+    return write_job(tmp_path)
+
+
+class StoppedSecond:
+    """A journal that interrupts the second pass."""
+
+    def record(self, message: object) -> None:
+        number, travel = getattr(message, "number", 0), getattr(message, "travel", 0.0)
+        if number == 2 and getattr(message, "arc", False) and travel > 0.018:
+            raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="module")
+def cut_short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A crawl that was stopped in its second pass."""
+    file = write_job(tmp_path_factory.mktemp("replan"))
+    out = file.parent / "run"
+    with pytest.raises(KeyboardInterrupt):
+        run_crawl(CrawlContext(read_crawl_job(file), file, StoppedSecond(), arc=True), out)
+    return out
+
+
+def test_a_pass_is_planned_from_the_way_back_and_struck_at_rest(cut_short: Path) -> None:
+    found = read_recorded_crawl(cut_short)
+    assert sorted(found.planned) == [1, 2]
+    first, second = (found.planned[k] for k in (1, 2))
+    assert first.gain == 1.0
+    assert second.gain > 1.0  # 3 % more wire than was set
+    assert second.unread == 0.0
+    struck = [cycle for cycle in found.cycles if cycle.arc and cycle.number == 1]
+    assert abs(struck[0].state.odometry.speed) < 0.5e-3
+    assert abs(struck[-1].state.odometry.speed) < 1e-3
+    log = json.loads((cut_short / "weld-log.json").read_text())["passes"]
+    assert log[1]["look_before"]["deposition_gain"]["source"] == "believed"
+    assert log[0]["arc"]["current"]["source"] == "simulated"
+    assert 200 < log[0]["arc"]["current"]["value"] < 350
+
+
+def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
+    cut_short: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(cut_short, tmp_path / "run")
+    file = tmp_path / "run" / "job.toml"
+    before = read_recorded_crawl(file.parent)
+    resume_crawl(CrawlContext(read_crawl_job(file), file, arc=True), overlap=5e-3)
+    found = read_recorded_crawl(file.parent)
+    assert [one.number for one in found.passes] == [1, 2, 3]
+    assert [len(one.arcs) for one in found.passes] == [1, 2, 1]
+    assert found.passes[1].is_whole(0.03)
+    assert found.planned[2].speed == pytest.approx(before.planned[2].speed)
+    assert found.planned[3].unread == 0.0
+    assert found.planned[3].gain > 1.0
+
+
+def test_no_arc_without_its_option_and_no_look_without_its_way(job_file: Path) -> None:
+    asked = CrawlContext(read_crawl_job(job_file), job_file)
+    with pytest.raises(ConfigurationError, match="--arc"):
+        run_crawl(asked, job_file.parent / "run")
+    assert not (job_file.parent / "run").exists()
+    for keys, named in (
+        ({"weld.layers": [1, 1]}, "2 beads"),
+        ({"weld.run_up_mm": 20}, "on the way back"),
+        ({"power.driver": "none"}, "burn in one spot"),
+        ({"pass": [{"feed_m_min": 9, "edge_gap_mm": 2}] * 3}, "weave as stated"),
+    ):
+        with pytest.raises(TjscanError, match=named):
+            read_crawl_job(job_file, keys)
+
+
+def test_a_shuttle_strikes_no_arc_and_needs_none(
+    job_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_LENGTH", 0.04)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_COUNT", 1)
+    out = job_file.parent / "shuttle"
+    calibrate_slip(CrawlContext(read_crawl_job(job_file), job_file), out)
+    assert not any(cycle.arc for cycle in read_recorded_crawl(out).cycles)
+
+
+def test_what_was_not_seen_is_not_planned(job_file: Path) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    assert planner.unread_stretch() >= job.weld.length
+    show(planner, job, np.arange(-0.035, -0.028, 1e-3))
+    assert planner.unread_stretch() > LONGEST_UNREAD_STRETCH
+    show(planner, job, np.arange(-0.036, 0.006, 1e-3))
+    assert planner.unread_stretch() == 0.0
+
+
+def test_the_plan_aims_at_what_is_missing(job_file: Path) -> None:
+    """A groove that is deeper over half its length gets a slower first bead there."""
+    job = read_crawl_job(job_file)
+    told: list[PassSettings] = []
+    planner = CrawlPassPlanner(job, read_wps(WPS), tell=told.append)
+    show(planner, job, np.arange(-0.036, 0.006, 1e-3))
+    planned = planner.plan_pass(1)
+    assert told[0].table.speed == pytest.approx(planned.speed)
+    low, high = read_wps(WPS).arc.travel_speed
+    assert (planned.speed >= low - 1e-9).all()
+    assert (planned.speed <= high + 1e-9).all()
+    assert np.abs(planned.offset).max() < 2e-3
+    assert planner.unread_stretch() >= job.weld.length  # the next pass needs a look of its own
+
+
+def show(planner: CrawlPassPlanner, job: CrawlJob, travels: np.ndarray) -> None:
+    """Let a planner see the simulated joint from places of the torch."""
+    cell = make_crawl_cell(job)
+    assert cell.world is not None
+    reader = CrawlContext(job, Path()).make_reader()
+    with cell:
+        for travel in travels.tolist():
+            state: VehicleState = cell.vehicle.next_state()
+            profile, torch = cell.laser.capture(), TorchEstimate(0.0, 0.0, 0.0)
+            cycle = CrawlCycle(
+                Phase.RETURN, 1, travel, state, AT_REST, torch, 0.0, 0.0, False, profile=profile
+            )
+            planner.see(cycle, reader.read(profile, travel))

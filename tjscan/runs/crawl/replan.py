@@ -1,0 +1,217 @@
+"""Plan each pass of a crawl from what the laser showed on the way back from the last one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from math import ceil
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError, CrawlStopped
+from tjscan.core.frames import Array, stretches_of_true_values
+from tjscan.core.robust import mad_sigma
+from tjscan.crawler.joint_tracking.registration import JointPlacement
+from tjscan.crawler.joint_tracking.tracking import ButtJointReading
+from tjscan.crawler.journal import PROFILE_SPACING, CrawlCycle, PlannedPass
+from tjscan.crawler.phases import Phase
+from tjscan.crawler.plan import PassSettings, with_rows
+from tjscan.job.crawl.job import CrawlJob
+from tjscan.laser.profile import Profile
+from tjscan.planning.crawl_passes import SEGMENT_LENGTH
+from tjscan.planning.wps import WeldingProcedure
+from tjscan.welding.look import (
+    COLUMN_STEP,
+    SurfaceLook,
+    heights_over_columns,
+    look_of_heights,
+)
+from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
+from tjscan.welding.state import WeldState
+
+LOOKING_PHASES: Final = (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT, Phase.RETURN)
+"""The arc is out, and the vehicle goes along the joint."""
+
+STATION_STEP, POOLED_LENGTH = 5e-3, 4e-3
+"""Between two stations, and to either side of one whose profiles count, metres."""
+
+FEWEST_PROFILES: Final = 3
+"""Profiles that show a station: the median of fewer has the arc's glow or spatter in it."""
+
+PLATE_MARGIN: Final = 8e-3
+"""Of the plates beside the joint that a look shows, metres."""
+
+EDGE_POOLING: Final = 20e-3
+"""To either side of a station, metres, over which its edges are the median of those read."""
+
+
+@dataclass(eq=False)
+class CrawlPassPlanner:
+    """A `PassPlanner` by the bead model.
+
+    Parameters
+    ----------
+    job : CrawlJob
+        With layers.
+    wps : WeldingProcedure
+
+    Attributes
+    ----------
+    planner : WeldPlanner or None
+        None until the bare joint was seen.
+    tell : callable
+        Receives each pass that was planned: a simulated world has to know its wire feed.
+    """
+
+    job: CrawlJob
+    wps: WeldingProcedure
+    planner: WeldPlanner | None = None
+    tell: Callable[[PassSettings], None] = lambda planned: None
+    s: Array = field(init=False)
+    _toes_u: Array = field(init=False, repr=False)
+    _bead: NextBead | None = None
+    _last: float = np.inf
+    _seen: list[tuple[float, Profile, JointPlacement]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        length = self.job.weld.length
+        self.s = np.linspace(0.0, length, 1 + max(2, ceil(length / STATION_STEP)))
+
+    def see(self, cycle: CrawlCycle, placement: JointPlacement) -> None:
+        """Take in a cycle's profile; see `JointLook.see`."""
+        if cycle.arc:  # what was seen before lies below its bead
+            self._seen.clear()
+        at = cycle.travel + self.job.vehicle.laser_to_torch
+        outside = not -POOLED_LENGTH <= at <= self.job.weld.length + POOLED_LENGTH
+        looks = cycle.phase in LOOKING_PHASES and not outside
+        if cycle.profile is None or not looks or abs(at - self._last) < 0.9 * PROFILE_SPACING:
+            return
+        self._last = at
+        self._seen.append((at, cycle.profile, placement))
+
+    def unread_stretch(self) -> float:
+        """See `PassPlanner.unread_stretch`."""
+        places = np.sort([at for at, _, _ in self._seen])
+        near = [np.searchsorted(places, self.s + side) for side in (-POOLED_LENGTH, POOLED_LENGTH)]
+        unread = near[1] - near[0] < FEWEST_PROFILES
+        spans = zip(*stretches_of_true_values(unread), strict=True)
+        return max((STATION_STEP * (b - a) for a, b in spans), default=0.0)
+
+    def plan_pass(self, number: int) -> PlannedPass:
+        """Plan a pass; see `PassPlanner.plan_pass`."""
+        if self.planner is None:
+            self._toes_u = self._edges_along_weld()
+            look = self._look()
+            tilt = np.full(len(self.s), self.job.weld.tilt)
+            belief = WeldState.of_groove(self.s, look.u, look.w, self._toes_u, tilt)
+            self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
+        else:
+            if self._bead is not None and self._bead.number < number - 1:
+                self.planner.after_bead(self._bead)
+            look = self._look()
+            u = np.tile(look.u, (len(self.s), 1))
+            self.planner.take_look(u, look.w, look.sigma, look.read)
+        if self.planner.done != number - 1:
+            raise ConfigurationError(
+                f"pass {number} can't be planned: of the passes before it {self.planner.done} "
+                "were planned from looks",
+                key="weld.layers",
+            )
+        self._seen.clear()
+        bead = self._bead = self.planner.next_bead()
+        self._check_reach(bead)
+        planned = self._planned(bead, float(np.mean(~look.read)))
+        self.tell(with_rows(self.job.passes[number - 1], planned.table))
+        return planned
+
+    def replay(
+        self, numbers: Sequence[int], readings: Sequence[tuple[CrawlCycle, JointPlacement]]
+    ) -> None:
+        """Take in what an interrupted crawl saw, and plan again what it planned and began."""
+        for cycle, reading in readings:
+            done = 0 if self._bead is None else self._bead.number + 1
+            if cycle.arc and cycle.number in numbers and cycle.number > done:
+                self.plan_pass(cycle.number)
+            self.see(cycle, reading)
+
+    def _edges_along_weld(self) -> Array:
+        """Top edges of the bare joint at the stations, shape (n, 2), across from its centre."""
+        rows = [
+            (at, *placement.joint_coordinates(*placement.edges.T)[0])
+            for at, _, placement in self._seen
+            if isinstance(placement, ButtJointReading) and np.isfinite(placement.edges).all()
+        ]
+        if len(rows) < FEWEST_PROFILES:
+            raise CrawlStopped("not seen", "the edges of the joint were not read along the weld")
+        at, *edges = np.array(rows).T
+        near = np.abs(at - self.s[:, None]) < EDGE_POOLING
+        pooled = [
+            np.median(edge[near[k]] if near[k].any() else edge)
+            for k in range(len(self.s))
+            for edge in edges
+        ]
+        return np.array(pooled).reshape(-1, 2)
+
+    def _look(self) -> SurfaceLook:
+        toes = self._toes_u
+        low, high = float(toes[:, 0].min()) - PLATE_MARGIN, float(toes[:, 1].max()) + PLATE_MARGIN
+        u = np.linspace(low, high, 1 + round((high - low) / COLUMN_STEP))
+        heights = np.array(
+            [_heights(profile, placement, u) for _, profile, placement in self._seen]
+        )
+        at = np.tile([[at] for at, _, _ in self._seen], (1, len(u)))
+        noise = np.full_like(
+            heights,
+            mad_sigma(np.diff(heights, axis=1)[np.isfinite(np.diff(heights, axis=1))]) / np.sqrt(2),
+        )
+        return look_of_heights(self.s, (at, heights, noise), u, toes, POOLED_LENGTH)
+
+    def _check_reach(self, bead: NextBead) -> None:
+        reach = self.job.torch.reach
+        farthest = float((np.abs(bead.tip[:, 0]) + 0.5 * bead.weave).max())
+        if farthest > reach:
+            raise CrawlStopped(
+                "torch reach",
+                f"pass {bead.number + 1} would have the torch {1e3 * farthest:.1f} mm beside the "
+                f"joint, and its axis reaches {1e3 * reach:g} mm",
+            )
+
+    def _planned(self, bead: NextBead, unread: float) -> PlannedPass:
+        planner = self.planner
+        if planner is None:
+            raise ValueError("nothing was planned")
+        learner, deviation = planner.learner, planner.deviation
+        length = self.job.weld.length
+        s = np.linspace(0.0, length, 1 + ceil(length / SEGMENT_LENGTH))
+        rows = bead.speed, *bead.tip.T, 0.5 * bead.weave, bead.feed
+        return PlannedPass(
+            bead.number + 1,
+            unread,
+            learner.gain.value,
+            learner.offset.value,
+            learner.shrinkage.value,
+            None if deviation is None else deviation.value,
+            None if deviation is None else deviation.sigma,
+            s,
+            *(np.interp(s, bead.s, row) for row in rows),
+        )
+
+
+def bead_order(job: CrawlJob, wps: WeldingProcedure) -> BeadOrder:
+    """Beads of a job's passes: each keeps the wire feed and the weave that the job states."""
+    tables = [one.table for one in job.passes]
+    return BeadOrder(
+        counts=job.weld.layers,
+        feeds=tuple(float(table.feed.mean()) for table in tables),
+        weaves=tuple(2 * float(table.weave.mean()) for table in tables),
+        cap_height=wps.bead.cap_height,
+    )
+
+
+def _heights(profile: Profile, placement: JointPlacement, u: Array) -> Array:
+    """Heights over the hull at columns, shape (k,); NaN where the profile shows nothing."""
+    across, into = placement.joint_coordinates(
+        profile.x_s[profile.valid], profile.z_s[profile.valid]
+    )
+    return np.asarray(heights_over_columns(across, (-into,), u)[0])
