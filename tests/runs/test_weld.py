@@ -290,7 +290,7 @@ def test_beads_on_a_horizontal_leg_are_held_and_stacked_from_it_up(welded: Path)
     inner = slice(5, -5)
     target = WeldTarget.over(planner.belief, order.cap_height)
     off = np.where(target.between, planner.belief.w - target.top, np.nan)[inner]
-    assert np.sqrt(np.nanmean(off**2)) < 1.0e-3
+    assert np.sqrt(np.nanmean(off**2)) < 1.3e-3  # with looks at layers alone
 
 
 def test_pools_that_the_procedure_keeps_too_wide_for_the_slope_are_told(welded: Path) -> None:
