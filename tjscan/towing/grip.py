@@ -18,6 +18,9 @@ SURE_PERIODS: Final = 10
 """Periods, a second, for which a force must be sure. Errors of filtered poses last as long, so the
 mean of a window scatters hardly less than they do."""
 
+PUSHED_PERIODS: Final = 5
+"""Periods, half a second, for which wheels must push: no change of their speed takes so long."""
+
 USABLE_GRIP_SHARE: Final = 0.8
 """Share of a vehicle's force from which on the welder waits: beyond, wheels slip on a bad spot."""
 
@@ -51,7 +54,7 @@ class GripWatch:
     def __init__(self, vehicles: int, most: float) -> None:
         self._most = most
         self._forces: deque[Array] = deque(maxlen=FORCE_WINDOW)
-        self._estimates: deque[Array] = deque(maxlen=FORCE_WINDOW)
+        self._pushes: deque[Array] = deque(maxlen=PUSHED_PERIODS)
         self._tensions: deque[Array] = deque(maxlen=FORCE_WINDOW)
         self._still = np.zeros((vehicles, 2))
         self._waits, self._hard_for = False, 0
@@ -69,10 +72,9 @@ class GripWatch:
         """
         estimated = self._still * np.nan if plan.forces is None else plan.forces
         forces = np.where(np.isnan(pushes), estimated, -pushes)
+        self._pushes.append(np.linalg.norm(np.nan_to_num(pushes), axis=1))
         if np.isfinite(forces).all():
             self._forces.append(forces)
-        if np.isfinite(estimated).all():
-            self._estimates.append(estimated)
         if plan.tension is not None and np.isfinite(plan.tension).all():
             self._tensions.append(plan.tension)
 
@@ -92,27 +94,27 @@ class GripWatch:
 
         Newton, shape (vehicles,).
         """
-        return self._sure_amounts(self._forces)
-
-    def _sure_amounts(self, forces: deque[Array]) -> Array:
-        if len(forces) < FORCE_WINDOW:
+        if len(self._forces) < FORCE_WINDOW:
             return np.zeros(len(self._still))
-        mean, scatter = np.mean(forces, axis=0), np.std(forces, axis=0)
-        amounts = np.linalg.norm(mean, axis=1) - 2 * np.linalg.norm(scatter, axis=1)
-        return np.asarray(np.maximum(amounts, 0.0))
+        amounts = np.linalg.norm(self.forces, axis=1)
+        scatter = np.linalg.norm(np.std(self._forces, axis=0), axis=1)
+        return np.asarray(np.maximum(amounts - 2 * scatter, 0.0))
 
     def count_hard_pull(self) -> tuple[float, int] | None:
         """Largest sure force and its vehicle, if too little of that vehicle's grip is left.
 
-        Called once a period: the force must last for `SURE_PERIODS`. Drives that report too small a
-        push do not hide a force that is sure by the cable's shape.
+        Called once a period: the force must last for `SURE_PERIODS`, and what wheels themselves
+        push with, for `PUSHED_PERIODS`. What drives that report too small a push hide, the chord of
+        a cable that is drawn straight shows.
         """
-        sure = np.maximum(self.sure_forces, self._sure_amounts(self._estimates))
-        hardest = int(sure.argmax())
-        share = EASED_GRIP_SHARE if self._waits else USABLE_GRIP_SHARE
-        self._hard_for = self._hard_for + 1 if sure[hardest] > share * self._most else 0
-        self._waits = self._hard_for >= (1 if self._waits else SURE_PERIODS)
-        return (float(sure[hardest]), hardest) if self._waits else None
+        mean, is_long = self.sure_forces, len(self._pushes) == PUSHED_PERIODS
+        pushed = np.min(self._pushes, axis=0) if is_long else np.zeros(len(self._still))
+        limit = self._most * (EASED_GRIP_SHARE if self._waits else USABLE_GRIP_SHARE)
+        self._hard_for = self._hard_for + 1 if mean.max() > limit else 0
+        is_sure = self._hard_for >= (1 if self._waits else SURE_PERIODS)
+        self._waits = is_sure or bool(pushed.max() > limit)
+        most = np.maximum(mean, pushed)
+        return (float(most.max()), int(most.argmax())) if self._waits else None
 
     def give_way(self) -> Array:
         """How far each vehicle gives way to the cable, metres, shape (vehicles, 2)."""
