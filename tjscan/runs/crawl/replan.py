@@ -100,8 +100,14 @@ class CrawlPassPlanner:
         spans = zip(*stretches_of_true_values(unread), strict=True)
         return max((STATION_STEP * (b - a) for a, b in spans), default=0.0)
 
-    def plan_pass(self, number: int) -> PlannedPass:
-        """Plan a pass; see `PassPlanner.plan_pass`."""
+    def take_look(self, laid: int) -> tuple[WeldPlanner, SurfaceLook]:
+        """Take in what was seen since the last pass, of which so many are laid.
+
+        Raises
+        ------
+        LookRefused, CrawlStopped
+            As `PassPlanner.plan_pass`; or if nothing shows the bare joint.
+        """
         if self.planner is None:
             edges = self._edges_along_weld()
             if not np.isfinite(edges).any():
@@ -113,23 +119,28 @@ class CrawlPassPlanner:
             belief = WeldState.of_groove(self.s, look.u, look.w, self._toes_u, tilt)
             self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
         else:
-            if self._bead is not None and self._bead.number < number - 1:
+            if self._bead is not None and self._bead.number < laid:
                 self.planner.after_bead(self._bead)
             closed = np.diff(self._toes_u - self._edges_along_weld(), axis=1)[:, 0]
             self._closed = np.where(np.isfinite(closed), closed, self._closed)
             look = self._look()
             u = np.tile(look.u, (len(self.s), 1))
             self.planner.take_look(u, look.w, look.sigma, look.read)
-        if self.planner.done != number - 1:
+        self._seen.clear()
+        return self.planner, look
+
+    def plan_pass(self, number: int) -> PlannedPass:
+        """Plan a pass; see `PassPlanner.plan_pass`."""
+        planner, look = self.take_look(number - 1)
+        if planner.done != number - 1:
             raise ConfigurationError(
-                f"pass {number} can't be planned: of the passes before it {self.planner.done} "
+                f"pass {number} can't be planned: of the passes before it {planner.done} "
                 "were planned from looks",
                 key="weld.layers",
             )
-        self._seen.clear()
-        bead = self._bead = self.planner.next_bead()
+        bead = self._bead = planner.next_bead()
         self._check_reach(bead)
-        planned = self._planned(bead, float(np.mean(~look.read)))
+        planned = self._planned(planner, bead, float(np.mean(~look.read)))
         self.tell(with_rows(self.job.passes[number - 1], planned.table))
         return planned
 
@@ -189,10 +200,7 @@ class CrawlPassPlanner:
                 f"joint, and its axis reaches {1e3 * reach:g} mm",
             )
 
-    def _planned(self, bead: NextBead, unread: float) -> PlannedPass:
-        planner = self.planner
-        if planner is None:
-            raise ValueError("nothing was planned")
+    def _planned(self, planner: WeldPlanner, bead: NextBead, unread: float) -> PlannedPass:
         learner, deviation = planner.learner, planner.deviation
         length = self.job.weld.length
         s = np.linspace(0.0, length, 1 + ceil(length / SEGMENT_LENGTH))
