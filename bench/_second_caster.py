@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from _sections import hidden_corners
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -355,6 +356,7 @@ def blooming(g: WedgeGroove, view: View, depth: Array, rng: np.random.Generator)
 def reflections(g: WedgeGroove, view: View, depth: Array, rng: np.random.Generator) -> Array:
     """Runs of columns that show the other face in the mirror of their own, or shifted rows."""
     depth, (bevel, leg) = depth.copy(), (g.sides["bevel"], (g.corners[2], g.leg))
+    surface = np.isfinite(depth)
     root = int(np.abs(view.tangents - g.corners[1, 0] / g.corners[1, 1]).argmin())
     for _ in range(rng.integers(4, 9)):
         length = int(rng.integers(8, 40))
@@ -371,6 +373,9 @@ def reflections(g: WedgeGroove, view: View, depth: Array, rng: np.random.Generat
         mirrored = (start[0] * along[1] - start[1] * along[0]) / (u * along[1] - along[0])
         seen = np.abs(mirrored - depth[run]) < 12 * MM
         depth[run] = np.where(seen, mirrored, shifted) if rng.random() < 0.5 else shifted
+        surface[run] = False
+    corners = g.corners - view.emitter
+    g.affected |= hidden_corners(view.tangents, corners[:, 0] / corners[:, 1], surface)
     return depth
 
 

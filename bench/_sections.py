@@ -277,3 +277,28 @@ def _turned(axis: int, angle: float) -> Array:
     R[i, i] = R[j, j] = c
     R[j, i], R[i, j] = s, -s
     return R
+
+
+COLUMNS_BESIDE, LEAST_SEEN_BESIDE = 12, 5
+"""On each side of a corner that is seen, so many of so many columns show the surface."""
+
+
+def hidden_corners(
+    tangents: Array, corners: Array, surface: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which corners have too little of the surface beside them to be known to a tenth of a mm.
+
+    Parameters
+    ----------
+    tangents : ndarray, shape (n,)
+        Of the columns' rays.
+    corners : ndarray, shape (k,)
+        Of the rays to the corners.
+    surface : ndarray of bool, shape (n,)
+        Which columns show the surface, and no reflection.
+    """
+    pitch = float(np.abs(np.diff(tangents)).mean())
+    away = (tangents - corners[:, None]) / pitch
+    beside = surface & (np.abs(away) < COLUMNS_BESIDE)
+    counts = (beside & (away < 0)).sum(axis=1), (beside & (away >= 0)).sum(axis=1)
+    return np.asarray(np.minimum(*counts) < LEAST_SEEN_BESIDE)

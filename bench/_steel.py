@@ -16,12 +16,14 @@ from typing import Final
 import numpy as np
 from _sections import (
     COLUMNS,
+    EMITTER_Z,
     Array,
     CylinderCut,
     Pose,
     Seen,
     Tubes,
     groove_angle,
+    hidden_corners,
     look_at,
     pose_before,
 )
@@ -57,7 +59,7 @@ class Groove:
         Which of them are there to be seen. For one that is not, `corners` holds the point that a
         reader may still give.
     affected : ndarray of bool, shape (3,)
-        Which of them lie wholly under interreflection.
+        Which of them lie wholly under interreflection, or under reflections (`hidden_corners`).
     extra : list of ndarray
         Other lines: spatter, weld caps.
     """
@@ -478,7 +480,7 @@ def quantised(g: Groove, seen: Seen, points: Array, rng: np.random.Generator) ->
 
 def ghosts(g: Groove, seen: Seen, points: Array, rng: np.random.Generator) -> Array:
     """Whole runs of points before and behind the surface, most of them round the root."""
-    points = points.copy()
+    points, surface = points.copy(), np.isfinite(points[:, 0])
     middle = g.corners[1:].mean(axis=0)
     root = int(np.nanargmin(np.linalg.norm(np.nan_to_num(points, nan=9.0) - middle, axis=1)))
     for _ in range(rng.integers(4, 9)):
@@ -489,6 +491,9 @@ def ghosts(g: Groove, seen: Seen, points: Array, rng: np.random.Generator) -> Ar
         away = rng.choice((-1, 1)) * MM * rng.uniform(0.8, 8) * (1 + rng.uniform(-0.5, 0.5) * t)
         rays = np.column_stack((seen.tangents[first : first + length], np.ones(length)))
         points[first : first + length] += away[:, None] * rays
+        surface[first : first + length] = False
+    corners = g.corners[:, 0] / (g.corners[:, 1] - EMITTER_Z)
+    g.affected |= hidden_corners(seen.tangents, corners, surface)
     return points
 
 

@@ -107,7 +107,16 @@ class DisturbedTow:
     @property
     def bend_deg(self) -> float:
         """Largest true angle of a joint."""
-        steps = np.diff(np.array([truth.line for truth in self.journal.truths]), axis=1)
+        return self._largest_bend(len(self.journal.truths))
+
+    @property
+    def bend_until_halt_deg(self) -> float:
+        """The same until the halt that ended it: a vehicle that heeds no command goes on."""
+        going = [k for k, cycle in enumerate(self.journal.cycles) if not cycle.wait]
+        return self._largest_bend(max(going, default=0) + 1) if self.ended else self.bend_deg
+
+    def _largest_bend(self, count: int) -> float:
+        steps = np.diff(np.array([truth.line for truth in self.journal.truths[:count]]), axis=1)
         headings = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
         return float(np.degrees(np.abs(np.diff(headings, axis=1)).max()))
 
@@ -408,14 +417,16 @@ def visiting_obstacle_keys(seed: int) -> dict[str, Any]:
     }
 
 
-def tow_past_visiting_obstacle(seed: int) -> tuple[int, bool, str]:
-    """Touches caused by our motion, whether the tow was gone on with, and words."""
+def tow_past_visiting_obstacle(seed: int) -> tuple[int, bool, str, DisturbedTow]:
+    """Touches caused by our motion, whether the tow was gone on with, words, and the tow."""
     job = read_tow_job(EXAMPLES / "tow-simulation.toml", visiting_obstacle_keys(seed))
     (hold,) = job.simulation.faults
     until = hold.at + (hold.seconds or 0.0)
 
     def hold_obstacle(world: TowingWorld, seen: SimulatedLocalisation) -> None:
         world.hold_passer_by(0, hold.at <= world.time < until)
+        if world.time >= until and world._walked[0] < hold.at:  # the cable was in its way
+            world._walked[0] = 2 * hold.at - world._walked[0]  # the same place, on its way back
 
     tow = tow_disturbed(job, hold_obstacle)
     ours = 0
@@ -428,4 +439,4 @@ def tow_past_visiting_obstacle(seed: int) -> tuple[int, bool, str]:
     ours += sum(any("passer-by" not in one for one in t.touches) for t in tow.journal.truths)
     waits = [event for event in tow.journal.events if event[1] == "waits"]
     words = f"seed {seed}: {ours} touches, {tow.ended or 'welded'}, {[w[2] for w in waits][:2]}"
-    return ours, not tow.ended, words
+    return ours, not tow.ended, words, tow

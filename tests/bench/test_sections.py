@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from _sections import EMITTER_Z, Array, Tubes, first_hits, look_at, pose_before
+from _sections import EMITTER_Z, Array, Tubes, first_hits, hidden_corners, look_at, pose_before
 from _steel import GROOVES, TUBES, Fault, cuts, draw, shoot
 
 EXACT = 1e-12
@@ -108,3 +108,15 @@ def test_corners_that_are_there_lie_where_their_lines_end(fault: Fault) -> None:
 @pytest.mark.parametrize("fault", GROOVES, ids=lambda f: f.name)
 def test_a_row_shows_the_same_profiles_again(fault: Fault) -> None:
     np.testing.assert_array_equal(shoot(fault, 5).points, shoot(fault, 5).points)
+
+
+def test_a_corner_is_hidden_where_reflections_leave_too_little_on_one_side() -> None:
+    tangents = np.linspace(-0.2, 0.2, 401)
+    corner = np.array((0.0005,))
+    surface = np.ones(401, dtype=bool)
+    surface[193:201] = False
+    # Columns 189 to 200 lie before the corner: the first four are left of them.
+    assert hidden_corners(tangents, corner, surface).tolist() == [True]
+    surface[193] = True
+    assert hidden_corners(tangents, corner, surface).tolist() == [False]
+    assert hidden_corners(-tangents, -corner, surface).tolist() == [False]

@@ -91,6 +91,9 @@ def test_what_is_bent_stays_where_it_is_on_the_hull() -> None:
         estimator.move(TrackOdometry(speed, 0.0, 1.0))
     assert np.subtract(first, estimator.estimate.bend) == pytest.approx(0.03)
     assert estimator.estimate.at_new_start(UNSURE).bend == ()
+    down = estimator.estimate.at_new_start(UNSURE, moved=0.1)
+    assert np.subtract(estimator.estimate.bend, down.bend) == pytest.approx(0.1)
+    assert down.P[SlipStateIndex.OFFSET, SlipStateIndex.OFFSET] == UNSURE.offset**2
 
 
 def test_torch_is_known_beside_a_joint_that_bends() -> None:

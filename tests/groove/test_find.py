@@ -173,3 +173,20 @@ def test_measures_scatter_as_much_as_the_section_says() -> None:
     for name, said in zip(names, stated, strict=True):
         scatter = np.std([getattr(s, name) for s in sections])
         assert said / scatter == pytest.approx(1, abs=0.45), name
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_corner_is_doubted_beyond_which_a_face_goes_on(seed: int) -> None:
+    """A bevel is ground in two facets, and the lower one is not seen: drawn on, the upper one
+    meets the root's face before its end."""
+    groove = Groove()
+    wall, (p2, p3), face, leg = groove.outline()
+    knee = p2 + 0.55 * (p3 - p2)
+    top = knee + turned(p2 - knee, 0.12)
+    profile = seen([wall + top - p2, np.array((top, knee, p3)), face, leg], NOISE, seed)
+    bearings, (low, high) = profile.x_s / profile.z_s, sorted((knee[0] / knee[1], p3[0] / p3[1]))
+    hidden = (bearings > low) & (bearings < high)
+    x, z = (np.where(hidden, np.nan, v) for v in (profile.x_s, profile.z_s))
+    section = read_groove(Profile(x, z))
+    off = float(np.linalg.norm(corners(section)[1] - p3))
+    assert 2 * MM < off < 2.5 * np.sqrt(np.trace(section.corner_covariances_s[1]))

@@ -52,3 +52,13 @@ def test_corners_are_put_counter_clockwise() -> None:
         Floor(square[:2])
     with pytest.raises(ValueError, match="numbers"):
         Floor([(0, 0), (1, 0), (1, np.nan)])
+
+
+def test_a_piece_that_hangs_by_friction_is_as_long_as_its_parabola() -> None:
+    cable, pull = Cable(), 20.0
+    (chord,) = cable.longest_chords((9,), pull)
+    drag = cable.friction / cable.link_length
+    x = np.linspace(0.0, chord, 2001)
+    hangs = drag / (2 * pull) * x * (chord - x)
+    assert np.hypot(np.diff(x), np.diff(hangs)).sum() == pytest.approx(1.0, rel=2e-3)
+    assert cable.longest_chords((9,), np.inf) == pytest.approx(1.0)

@@ -1,7 +1,5 @@
 """How hard the cable pulls at a vehicle: as the wheels push, where drives report that."""
 
-from dataclasses import replace
-
 import numpy as np
 from kinematic_team import RowPlanner
 
@@ -27,16 +25,6 @@ def test_a_vehicle_that_has_to_push_hard_is_noticed_and_gives_way_to_the_cable()
 
 def test_one_that_pushes_little_is_left_alone() -> None:
     assert not watch_pushes(np.array(((5.0, 0.0), (0.0, 9.0), (1.0, 0.0)))).give_way().any()
-
-
-def test_drives_that_report_no_push_do_not_hide_what_the_cable_shows() -> None:
-    plan = RowPlanner(33, 1.0, 3, lambda tip: "").start(np.array((3.0, 0.0, 0.0)))
-    taut = replace(plan, forces=np.array(((0.0, 0.0), (17.0, 0.0), (1.0, 0.0))))
-    watch = GripWatch(3, 20.0)
-    for _ in range(FORCE_WINDOW + SURE_PERIODS):
-        watch.update(taut, np.zeros((3, 2)))
-        pull = watch.count_hard_pull()
-    assert pull == (17.0, 1)
 
 
 def test_without_reports_and_without_an_estimate_nothing_is_known() -> None:

@@ -256,6 +256,16 @@ def test_a_passer_by_walks_stands_and_is_told_when_it_touches() -> None:
     assert all("passer-by 1" in touch for touch in touches)
     passed.advance(1.0)
     assert passed.passers_by[0, 1] > 0.05  # it stands where it met the cable
+    np.testing.assert_array_equal(passed.passers_by[0, 3:], 0.0)
+
+
+def test_a_passer_by_that_touches_the_cable_may_walk_away_from_it() -> None:
+    back_and_forth = np.array(((1.0, 0.5), (1.0, 0.1), (1.0, 0.5)))
+    passed = world(SHORT, passers_by=(PasserBy(0.1, back_and_forth, speed=0.5),))
+    passed.advance(0.85)
+    assert passed.truth().touches
+    passed.advance(0.5)
+    assert passed.passers_by[0, 1] > 0.2
 
 
 @pytest.mark.parametrize(

@@ -495,10 +495,16 @@ class SlipEstimate:
         """Standard deviation of one quantity."""
         return sqrt(self.P[which, which])
 
-    def at_new_start(self, uncertainty: SlipUncertainty) -> Self:
+    def at_new_start(self, uncertainty: SlipUncertainty, moved: float | None = None) -> Self:
         """What stays known if the vehicle is set down again: how it slips, not where it is.
 
         Nor in which direction the joint runs there, nor how its chains lie on their sprockets.
+
+        Parameters
+        ----------
+        uncertainty : SlipUncertainty
+        moved : float, optional
+            How far it was moved along the joint, metres; if left out, no bend is known any more.
         """
         new = type(self).before_any_reading(uncertainty)
         place: list[int] = [
@@ -508,10 +514,12 @@ class SlipEstimate:
             SlipStateIndex.UNEVENNESS,
             *range(SlipStateIndex.LEFT_RIPPLE_COSINE, SlipStateIndex.RIGHT_RIPPLE_SINE + 1),
         ]
-        x, P = self.x[:STATE_COUNT].copy(), self.P[:STATE_COUNT, :STATE_COUNT].copy()
+        bend = () if moved is None else tuple(one - moved for one in self.bend)
+        kept = slice(STATE_COUNT + len(bend))
+        x, P = self.x[kept].copy(), self.P[kept, kept].copy()
         x[place], P[place, :], P[:, place] = 0.0, 0.0, 0.0
         P[place, place] = new.P[place, place]
-        return type(self)(x, P)
+        return type(self)(x, P, bend)
 
     def with_unseen_travel(self, way: float, least_radius: float) -> Self:
         """What is still known if the vehicle went on by up to a way that was not seen.

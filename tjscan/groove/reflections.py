@@ -176,8 +176,7 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     bare = without_seam_cap(best.fitted)
     surely = best if bare is best.fitted else replace(best, fitted=bare)
     covariance = _covariance_of_readings(best, others)
-    covariance += _reflection_covariance(surely)
-    covariance += _unmodelled_steel_covariance(surely)
+    covariance += _reflection_covariance(surely) + _unmodelled_steel_covariance(surely)
     probability = _form_probability(surely, others)
     return replace(best, other_readings=covariance, probability=probability)
 
@@ -239,9 +238,8 @@ def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
     for k in range(min(last_a, last_b)):
         before_a, before_b = a.sides[last_a - k], b.sides[last_b - k]
         after_a, after_b = a.sides[last_a - k + 1], b.sides[last_b - k + 1]
-        if after_a.name != after_b.name and not (after_a.bead and after_b.bead):
-            break
-        if before_a.bead != before_b.bead:
+        same = after_a.name == after_b.name or (after_a.bead and after_b.bead)
+        if not same or before_a.bead != before_b.bead:
             break
         pairs.append((last_a - k, last_b - k))
     return pairs
@@ -363,8 +361,9 @@ def corners_seen_from_both_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
-    Points that hang together with those before and after them are no reflections. If they are
-    several, thicker than scale, and begin at a corner, it may be at any of them.
+    Points that hang together with those before and after them are no reflections, nor are those
+    that a side goes on with beyond its corner. If they are several, thicker than scale, and begin
+    at a corner, it may be at any of them.
     """
     fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
@@ -373,8 +372,10 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
         return covariance
     runs = find_runs(fit.row.points, fit.row.columns)
     first, stop, joins = stretches_off_surface(runs, off)
-    steel = joins.all(axis=0)
-    for a, b in zip(first[steel], stop[steel], strict=True):
+    to_corner = np.abs(np.array((first, stop))[..., None] - np.array(fitted.edges)).min(axis=2)
+    between = np.asarray(joins.all(axis=0))
+    steel = between | (joins & (to_corner < FEWEST_HIDING)).any(axis=0)
+    for a, b, joined in zip(first[steel], stop[steel], between[steel], strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         for i, corner in enumerate(fitted.corners):
@@ -382,7 +383,7 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
             ends = np.hypot(*away[[0, -1]].T)
             if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
                 # A bead behind which steel is seen at one end is not there at the other, either.
-                behind = fitted.residuals[a] > 0
+                behind = joined and fitted.residuals[a] > 0
                 others = [j for j in (i - 1, i + 1) if behind and sides[max(i, j)].bead]
                 for j in (i, *others):
                     own = slice(2 * j, 2 * j + 2)

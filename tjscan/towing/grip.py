@@ -51,7 +51,6 @@ class GripWatch:
     def __init__(self, vehicles: int, most: float) -> None:
         self._most = most
         self._forces: deque[Array] = deque(maxlen=FORCE_WINDOW)
-        self._estimates: deque[Array] = deque(maxlen=FORCE_WINDOW)
         self._tensions: deque[Array] = deque(maxlen=FORCE_WINDOW)
         self._still = np.zeros((vehicles, 2))
         self._waits, self._hard_for = False, 0
@@ -71,8 +70,6 @@ class GripWatch:
         forces = np.where(np.isnan(pushes), estimated, -pushes)
         if np.isfinite(forces).all():
             self._forces.append(forces)
-        if np.isfinite(estimated).all():
-            self._estimates.append(estimated)
         if plan.tension is not None and np.isfinite(plan.tension).all():
             self._tensions.append(plan.tension)
 
@@ -92,22 +89,19 @@ class GripWatch:
 
         Newton, shape (vehicles,).
         """
-        return self._sure_amounts(self._forces)
-
-    def _sure_amounts(self, forces: deque[Array]) -> Array:
-        if len(forces) < FORCE_WINDOW:
+        if len(self._forces) < FORCE_WINDOW:
             return np.zeros(len(self._still))
-        mean, scatter = np.mean(forces, axis=0), np.std(forces, axis=0)
-        amounts = np.linalg.norm(mean, axis=1) - 2 * np.linalg.norm(scatter, axis=1)
-        return np.asarray(np.maximum(amounts, 0.0))
+        amounts = np.linalg.norm(self.forces, axis=1)
+        scatter = np.linalg.norm(np.std(self._forces, axis=0), axis=1)
+        return np.asarray(np.maximum(amounts - 2 * scatter, 0.0))
 
     def count_hard_pull(self) -> tuple[float, int] | None:
         """Largest sure force and its vehicle, if too little of that vehicle's grip is left.
 
-        Called once a period: the force must last for `SURE_PERIODS`. Drives that report too small a
-        push do not hide a force that is sure by the cable's shape.
+        Called once a period: the force must last for `SURE_PERIODS`. What drives that report too
+        small a push hide, the chord of a cable that is drawn straight shows.
         """
-        sure = np.maximum(self.sure_forces, self._sure_amounts(self._estimates))
+        sure = self.sure_forces
         hardest = int(sure.argmax())
         share = EASED_GRIP_SHARE if self._waits else USABLE_GRIP_SHARE
         self._hard_for = self._hard_for + 1 if sure[hardest] > share * self._most else 0

@@ -6,7 +6,7 @@ import time as host
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from math import hypot, inf
+from math import hypot
 from typing import Final, Protocol
 
 import numpy as np
@@ -92,8 +92,6 @@ class TowSetup:
     clearance : float
         Between the welder's body and obstacles, metres. Walls and pillars may be nearer: work
         begins and ends at them.
-    vehicle_force : float
-        With which a vehicle can pull at most, newton.
     """
 
     cable: Cable
@@ -103,7 +101,6 @@ class TowSetup:
     following: FollowingSettings
     obstacles: Callable[[float], Sequence[DiscObstacle]]
     clearance: float = 0.02
-    vehicle_force: float = inf
 
 
 class CableTow:
@@ -138,7 +135,7 @@ class CableTow:
             PoseFollower(setting.following, team.top_speed, turn) for _ in range(count)
         ]
         self._standing = StandstillWatch(setting.cable, team, record_event)
-        self._grip = GripWatch(count, setting.vehicle_force)
+        self._grip = GripWatch(count, team.force)
         self._patience = WaitingPatience(setting.following.patience, record_event)
         self._along = self._elapsed = self._due = self._began = 0.0
         self._last: TowingPlan | None = None
@@ -215,10 +212,9 @@ class CableTow:
         places = estimate.poses.copy() if self._last is None else self._last.held_poses.copy()
         places[-1] = self._setting.seam.pose_at(self._along)
         for v, (place, pose) in enumerate(zip(places, estimate.poses, strict=True)):
-            off, welder = hypot(*(pose - place)[:2]), v == len(places) - 1
+            off, welder = hypot(*(pose - place)[:2]), v == self._setting.team.welder
             if off > (START_POSITION_TOLERANCE if welder else START_VEHICLE_TOLERANCE):
-                name = "the welder" if welder else f"vehicle {v + 1}"
-                x, y = 1e3 * place[:2]
+                name, (x, y) = self._setting.team.name_of(v), 1e3 * place[:2]
                 raise TowHalted(
                     f"{name} is {1e3 * off:.0f} mm from where the tow begins. Bring it to "
                     f"({x:.0f}, {y:.0f}) mm, heading {np.degrees(place[2]) % 360:.0f}°."
@@ -304,13 +300,22 @@ class CableTow:
     def _plan_next_step(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float
     ) -> tuple[TowingPlan, float]:
-        """The plan for one step on, or for the welder's place if that has none; and its pace."""
+        """The plan for one step on, or for the welder's place if that has none; and its pace.
+
+        While the last plan allowed no step, a plan for the welder's place comes first: where that
+        leads away from something, no step is worth a plan.
+        """
         step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
-        if pace and self._is_next_step_worth_planning(estimate, obstacles, step):
+        here = None
+        if not pace or self._shapeless:
+            here = self._plan_ahead(estimate, obstacles, 0.0)
+            if not pace or here.retreat:
+                return here, 0.0
+        if self._is_next_step_worth_planning(estimate, obstacles, step):
             plan = self._plan_ahead(estimate, obstacles, step)
             if not (plan.halt or plan.retreat):
                 return plan, pace
-        return self._plan_ahead(estimate, obstacles, 0.0), 0.0
+        return here or self._plan_ahead(estimate, obstacles, 0.0), 0.0
 
     def _is_next_step_worth_planning(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], step: float
@@ -372,6 +377,7 @@ class CableTow:
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> WaitingReason | None:
         """Why the welder must wait, whatever the plan is."""
+        team = self._setting.team
         gone = [v for v, s in enumerate(self._states) if isinstance(s, VehicleLinkLost)]
         if gone:
             return WaitingReason(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)
@@ -379,11 +385,10 @@ class CableTow:
         if lost:
             v, why = next(iter(lost.items()))
             return WaitingReason(f"the pose of vehicle {v + 1} is lost: {why}")
-        waiting = self._standing.reason_to_wait(estimate.poses, self._last)
+        waiting = self._standing.reason_to_wait(estimate, self._last)
         if waiting is None and (pull := self._grip.count_hard_pull()):
             force, v = pull
-            most = self._setting.vehicle_force
-            name = "the welder" if v == len(self._followers) - 1 else f"vehicle {v + 1}"
+            name, most = team.name_of(v), team.force
             words = f"the cable pulls at {name} with {force:.0f} N of the {most:g} N that it can"
             return WaitingReason(f"{words} pull", device=True)
         *towing, welder = (self._off_plan(estimate, v) for v in range(len(self._followers)))

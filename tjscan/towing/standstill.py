@@ -6,7 +6,7 @@ import re
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees, hypot, inf, log, radians
+from math import degrees, hypot, inf, isfinite, log, radians
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from tjscan.core.devices import EventListener
 from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.towing.following import velocity_from_twist
+from tjscan.towing.grip import EASED_GRIP_SHARE, USABLE_GRIP_SHARE
 from tjscan.towing.pose_filter import TeamEstimate, VehiclePoseEstimate
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import BEND_DEVIATIONS, LEAST_ANGLE_DEVIATION
@@ -30,7 +31,7 @@ LONGEST_JUDGED_WINDOW: Final = 30.0
 LEAST_WAY_TO_JUDGE_STANDSTILL: Final = 0.02
 """Metres that a vehicle must have been commanded to go before its standstill means anything."""
 
-AT_TARGET_DISTANCE: Final = 5e-3
+AT_TARGET_DISTANCE: Final = 2e-3
 """Metres within which a vehicle is where it was sent."""
 
 LEAST_DRIVEN_SHARE: Final = 0.6
@@ -55,6 +56,9 @@ welder waits."""
 SLACK_CABLE_CHORD_SHARE: Final = 0.95
 """The same from which on it goes slower, and below which it goes on after it waited: what noise of
 the poses changes is less than the way between the two."""
+
+CHORD_DEVIATIONS: Final = 2.0
+"""Standard deviations of poses by which a chord must surely be too long."""
 
 WATCHED_BEND: Final = 0.75
 """Share of the limit above which that is looked at: angles of a cable that is taut or
@@ -345,7 +349,7 @@ class StandstillWatch:
         self._reported: dict[int, str] = {}
         self._states: Sequence[VehicleState | VehicleFault] = ()
         self.doubted: tuple[int, ...] = ()
-        self._taut = self._bent = False
+        self._taut = self._drawn = self._bent = False
         self.stopped: tuple[int, ...] = ()
         self.runaways: tuple[int, ...] = ()
 
@@ -408,56 +412,60 @@ class StandstillWatch:
         """Vehicles that plans must take for where they are: at a standstill, or running away."""
         return tuple(sorted({*self.stopped, *self.runaways}))
 
-    def reason_to_wait(self, poses: Array, last: TowingPlan | None) -> WaitingReason | None:
-        """Why the welder must wait for those at a standstill.
+    def reason_to_wait(
+        self, estimate: TeamEstimate, last: TowingPlan | None
+    ) -> WaitingReason | None:
+        """Why the welder must wait for those at a standstill, or for a cable drawn straight.
 
         Parameters
         ----------
-        poses : ndarray, shape (vehicles, 3)
-            Estimated.
+        estimate : TeamEstimate
         last : TowingPlan or None
             That was sent last.
         """
-        welder = self._team.welder
+        welder, poses, sigmas = self._team.welder, estimate.poses, estimate.sigmas
         if welder in self.stopped:
             why = _describe_fault(self._states[welder]) or "it does not move"
             return WaitingReason(f"the welder is stopped: {why}", device=True)
         if self.runaways:
-            names = ["the welder" if v == welder else f"vehicle {v + 1}" for v in self.runaways]
-            return WaitingReason(f"{names[0]} does not follow its commands", device=True)
-        share, stopped = self._tautest_piece(poses)
+            name = self._team.name_of(self.runaways[0])
+            return WaitingReason(f"{name} does not follow its commands", device=True)
+        share, v = self._tautest_piece(poses)
         self._taut = share >= (SLACK_CABLE_CHORD_SHARE if self._taut else TAUT_CABLE_CHORD_SHARE)
         if self._taut:
-            why = f"vehicle {stopped + 1} is stopped, and the cable beside it is taut"
+            why = f"vehicle {v + 1} is stopped, and the cable beside it is taut"
+            return WaitingReason(why, device=True)
+        pull = EASED_GRIP_SHARE if self._drawn else USABLE_GRIP_SHARE
+        chords = self._cable.longest_chords(self._team.held_links, pull * self._team.force)
+        beyond = self._chords(poses) - chords - np.sqrt(2) * CHORD_DEVIATIONS * sigmas[:, 0]
+        self._drawn = bool(beyond.max() > 0.0) and isfinite(self._team.force)
+        v = int(beyond.argmax())
+        if self._drawn:
+            why = f"the cable before {self._team.name_of(v)} is drawn straight"
             return WaitingReason(why, device=True)
         return None if last is None else self._bent_too_far(last)
 
     def _bent_too_far(self, last: TowingPlan) -> WaitingReason | None:
-        """Whether a joint may be bent beyond its limit.
+        """Whether a joint may be bent beyond its limit: by two deviations more than is estimated.
 
-        By two standard deviations more than estimated; beside one at a standstill also than
-        planned.
+        Where a plan would bend it is the planner's to heed.
         """
-        angles, ends = np.abs(last.estimate), (0, *(link + 1 for link in self._team.held_links))
-        doubt = LEAST_ANGLE_DEVIATION * np.ones(len(angles))
-        doubt = doubt if last.deviations is None else last.deviations
-        beside = dict[int, int]()
-        for v in self.doubted:
-            piece = slice(ends[v], ends[min(v + 2, len(ends) - 1)])
-            angles[piece] = np.maximum(angles[piece], np.abs(last.angles[piece]))
-            beside |= dict.fromkeys(range(piece.start, piece.stop), v)
-        most = self._cable.joint_limit - (EASED_BEND if self._bent else 0.0)
-        worst = np.where(angles > WATCHED_BEND * most, angles + BEND_DEVIATIONS * doubt, 0.0)
-        joint = max(range(len(worst)), key=lambda one: (worst[one], one in beside))
-        self._bent = bool(worst[joint] > most)
+        angles, limit = np.abs(last.estimate), self._cable.joint_limit
+        known = LEAST_ANGLE_DEVIATION if last.deviations is None else last.deviations
+        doubt = BEND_DEVIATIONS * (np.zeros(len(angles)) + known)
+        worst = np.where(angles > WATCHED_BEND * limit, angles + doubt, 0.0)
+        pieces = np.searchsorted(self._team.held_links, np.arange(len(angles)))
+        beside = np.isin(pieces, self.doubted) | np.isin(pieces - 1, self.doubted)
+        joint = max(range(len(worst)), key=lambda one: (worst[one], beside[one]))
+        self._bent = bool(worst[joint] > limit - (EASED_BEND if self._bent else 0.0))
         if not self._bent:
             return None
-        if joint in beside:
-            why = f"vehicle {beside[joint] + 1} is stopped, and the cable beside it nears its limit"
-            return WaitingReason(f"{why} of bend", device=True)
-        bent = f"{degrees(angles[joint]):.1f}° ± {degrees(2 * doubt[joint]):.1f}°"
-        limit = f"{degrees(self._cable.joint_limit):.1f}°"
-        return WaitingReason(f"joint {joint} is bent by {bent}, and its limit is {limit}")
+        angle, off, most = np.degrees((angles[joint], doubt[joint], limit))
+        why = f"joint {joint} is bent by {angle:.1f}° ± {off:.1f}°, and its limit is {most:.1f}°"
+        if beside[joint]:
+            v = next(v for v in (pieces[joint], pieces[joint] - 1) if v in self.doubted)
+            return WaitingReason(f"vehicle {v + 1} is stopped, and beside it {why}", device=True)
+        return WaitingReason(why)
 
     def pace(self, poses: Array) -> float:
         """Share of the welding speed that the pieces of cable beside them allow."""
@@ -471,13 +479,18 @@ class StandstillWatch:
             )
         )
 
+    def _chords(self, poses: Array) -> Array:
+        """Of the pieces of cable before each vehicle, metres."""
+        steps = np.diff(np.vstack((self._cable.root[:2], poses[:, :2])), axis=0)
+        return np.asarray(np.hypot(steps[:, 0], steps[:, 1]))
+
     def _tautest_piece(self, poses: Array) -> tuple[float, int]:
         """Largest chord of a piece beside one at a standstill, over its length, and which one."""
-        held = np.array(self._team.held_links)
-        lengths = self._cable.link_length * np.diff(held, prepend=-1)
-        steps = np.diff(np.vstack((self._cable.root[:2], poses[:, :2])), axis=0)
-        shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
-        beside = [(float(shares[k]), v) for v in self.doubted for k in (v, v + 1) if k < len(held)]
+        lengths = self._cable.link_length * np.diff(self._team.held_links, prepend=-1)
+        shares = self._chords(poses) / lengths
+        beside = [
+            (float(shares[k]), v) for v in self.doubted for k in (v, v + 1) if k < len(shares)
+        ]
         return max(beside, default=(0.0, 0))
 
 

@@ -424,7 +424,7 @@ def resume_crawl(
                 f"must be between {1e3 * first:g} and {1e3 * end:g}"
             )
         start = replace(start, travel=place, was_set_down=True)
-        slip = slip_after_set_down(found, context.job)
+        slip = slip_after_set_down(found, context.job, place)
     passes = tuple(
         one if planned is None else with_rows(one, planned.table)
         for one, planned in zip(context.job.passes, map(found.planned.get, count(1)), strict=False)
@@ -494,11 +494,12 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     return slip.with_unseen_travel(way, job.steering.least_radius)
 
 
-def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
-    """What is known of slip when the vehicle was set down elsewhere; see `slip_after_stop`."""
+def slip_after_set_down(found: RecordedCrawl, job: CrawlJob, place: float) -> SlipEstimate | None:
+    """What is known of slip when the vehicle was set down at a place; see `slip_after_stop`."""
     crawled = found.crawling_cycles
-    slip = crawled[-1].slip if crawled else None
-    return None if slip is None else slip.at_new_start(job.slip)
+    if not crawled or (slip := crawled[-1].slip) is None:
+        return None
+    return slip.at_new_start(job.slip, moved=place - crawled[-1].travel)
 
 
 def find_start_after_stop(
@@ -661,14 +662,17 @@ def replay_crawl(
     with add_file_to_errors(job_file):
         method = context.make_method()
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
-    set_down = [_begins_set_down(part) for part in parts]
+    places = [_place_of_set_down(part) for part in parts]
     make_vehicle_run_directory(out, context)
     origin = job_snapshot_of_file(out / JOB_FILE)
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:
-                known = slip_after_set_down if set_down[number] else slip_after_stop
-                method = context.make_method(known(read_recorded_crawl(out), context.job))
+                found, place = read_recorded_crawl(out), places[number]
+                slip = slip_after_stop(found, context.job)
+                if place is not None:
+                    slip = slip_after_set_down(found, context.job, place)
+                method = context.make_method(slip)
             with RecordingWriter(out / part.name, CRAWL_TOPICS, origin) as recording:
                 replayed = _replayed_messages(part, method, f"{directory}")
                 while messages := list(islice(replayed, CYCLES_TOGETHER)):
@@ -677,10 +681,15 @@ def replay_crawl(
     finished(out)
 
 
-def _begins_set_down(part: Path) -> bool:
-    """Read a part of a recording to its end: whether it begins where its operator set it down."""
-    events = [entry.message for entry in read_crawl_messages(part) if entry.topic is LOG_TOPIC]
-    return any(event.name == SET_DOWN_EVENT for event in events)
+def _place_of_set_down(part: Path) -> float | None:
+    """Read a part of a recording to its end: where its operator set it down; None if he did not."""
+    place, is_set_down = None, False
+    for entry in read_crawl_messages(part):
+        if entry.topic is LOG_TOPIC:
+            is_set_down |= entry.message.name == SET_DOWN_EVENT
+        elif place is None and isinstance(entry.message, CrawlCycle):
+            place = entry.message.travel
+    return place if is_set_down else None
 
 
 def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:

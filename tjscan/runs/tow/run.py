@@ -94,7 +94,6 @@ def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal
         job.following,
         cell.obstacles,
         clearance=job.limits.vehicle_clearance,
-        vehicle_force=job.vehicles.force,
     )
     return CableTow(cell.team, cell.localisation, setting, planner, journal)
 

@@ -6,6 +6,7 @@ from the root, with the direction in which the link points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import asin, inf, isfinite
@@ -114,6 +115,22 @@ class Cable:
         """Points from the root to the tip, shape (N + 1, 2), of angles of shape (N,)."""
         return np.vstack((self.root[:2], self.poses(angles)[:, :2]))
 
+    def longest_chords(self, held_links: Sequence[int], pull: float) -> Array:
+        """Chords of the pieces before held links, metres, with which they pull when dragged.
+
+        A piece of length L that is dragged sideways hangs on its ends like a rope, by friction q a
+        metre: sagging by s it pulls with q L² / 8 s, and its chord is 8 s² / 3 L shorter.
+
+        Parameters
+        ----------
+        held_links : sequence of int
+        pull : float
+            Newton.
+        """
+        lengths = self.link_length * np.diff(held_links, prepend=-1)
+        sags = self.friction / self.link_length * lengths**2 / (8 * pull)
+        return np.asarray(lengths - 8 / 3 * sags**2 / lengths)
+
     def angles(self, headings: Array) -> Array:
         """Angles of the joints for headings of the links, both of shape (N,)."""
         return np.diff(headings, prepend=self.root[2])
@@ -171,3 +188,7 @@ class TowingTeam:
     def welder(self) -> int:
         """Number of the welder in the team."""
         return len(self.held_links) - 1
+
+    def name_of(self, vehicle: int) -> str:
+        """Of a vehicle, counted from 0, for messages."""
+        return "the welder" if vehicle == self.welder else f"vehicle {vehicle + 1}"

@@ -62,6 +62,10 @@ LARGEST_CLOSED_MISS: Final = 1e-4
 LEAST_CLOSED_MISS: Final = 1e-8
 """Metres and radians of such a miss that are not worth a step."""
 
+LEAST_SLACK_GAIN: Final = 0.05
+"""Of the merit, that of 0.05 mm of slack, which a step must gain while limits can't be kept: less
+changes nothing that is said or done."""
+
 LEAST_MULTIPLIER: Final = 1e-6
 """Of a row that holds the shape: the objective's change by its metres."""
 
@@ -345,7 +349,8 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
             z = np.zeros(0)
             continue
         now, after = after, now
-        if -slope < 1e-7 * max(1.0, abs(now.f)) and np.abs(now.state.constraint).max() < 1e-7:
+        ends = -slope < 1e-7 * max(1.0, abs(now.f)) and np.abs(now.state.constraint).max() < 1e-7
+        if ends or (left > LARGEST_CLOSED_MISS and merit - now.merit(fix) < LEAST_SLACK_GAIN):
             break
     rows = now.rows
     holds = (

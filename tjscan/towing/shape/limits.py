@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from itertools import pairwise
 from math import cos, degrees, hypot, inf, pi, sin
 from typing import Any, Final, NamedTuple
 
@@ -85,9 +84,9 @@ sign of its angle's growth for `grows_x`."""
 LimitRows = NDArray[np.void]
 """Rows of `ROW_TYPE`, shape (R,)."""
 
-DRAGGED_PULL_SHARE: Final = 0.4
+DRAGGED_PULL_SHARE: Final = 0.35
 """Share of a vehicle's force with which the cable on either side of it may pull: both together
-leave it a fifth."""
+leave it 30 %, of which a sound tow takes 9 for short times."""
 
 SPARE_MARGIN: Final = 1e-6
 """Metres and radians added to every limit: what a solver may miss it by (`LEAST_KEPT_MARGIN`)."""
@@ -542,19 +541,10 @@ class LimitedProblem:
         )
 
     def _longest_chords(self) -> Array:
-        """Of the pieces of cable before each vehicle, metres; inf if neither of its ends drives.
-
-        A piece of length L that is dragged sideways hangs on its ends like a rope, by friction q a
-        metre: sagging by s it pulls with q L² / 8 s, and its chord is 8 s² / 3 L shorter.
-        """
-        cable, most = self.problem.cable, DRAGGED_PULL_SHARE * self.team.force
-        drives, longest = set(self.problem.paced.tolist()), []
-        for before, link in pairwise((-1, *self.team.held_links)):
-            length = cable.link_length * (link - before)
-            sag = cable.friction / cable.link_length * length**2 / (8 * most)
-            is_drawn = bool(drives & {before, link})
-            longest.append(length - 8 / 3 * sag**2 / length if is_drawn else inf)
-        return np.array(longest)
+        """Of the pieces of cable before each vehicle, metres; inf if neither of its ends drives."""
+        held, pull = self.team.held_links, DRAGGED_PULL_SHARE * self.team.force
+        is_drawn = np.isin(((-1, *held[:-1]), held), self.problem.paced).any(axis=0)
+        return np.where(is_drawn, self.problem.cable.longest_chords(held, pull), inf)
 
     def rows(self, angles: Array, band: float = 0.0, links: Array | None = None) -> LimitRows:
         """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`; of links as given, if so."""
@@ -593,5 +583,4 @@ class LimitedProblem:
         """The vehicle that holds a link, if one does."""
         if link not in self.team.held_links:
             return ""
-        vehicle = self.team.held_links.index(link)
-        return "the welder" if vehicle == self.team.welder else f"vehicle {vehicle + 1}"
+        return self.team.name_of(self.team.held_links.index(link))

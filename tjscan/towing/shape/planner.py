@@ -126,7 +126,8 @@ class TowingPlanner:
 
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
         planned to, or a link come nearer to something. Then the vehicle on one side of it stays
-        where it was sent, or on both, or all but one, or all, and the welder waits.
+        where it was sent, or on both, or all but one, or all, and the welder waits. If even the way
+        to there leads astray, all stay where they are.
 
         Raises
         ------
@@ -141,13 +142,15 @@ class TowingPlanner:
         words = f"{plan.retreat}; {words}" if plan.retreat else words
         towing, piece = np.arange(len(self._held)), int(np.searchsorted(self._held, row["link"]))
         after, before, sent = towing == piece, towing == piece - 1, last.held_poses
-        for moves in (~after, ~before, ~(after | before), *(towing == v for v in towing[:-1])):
+        some = (~after, ~before, ~(after | before), *(towing == v for v in towing[:-1]))
+        for moves in (*some, towing < 0):
             poses = np.where(moves[:, None], plan.held_poses, sent)
             tried = replace(plan, held_poses=poses, retreat=words)
             if not self._led_astray(limits, now, tried):
                 return tried
         links, angles = last.link_poses, last.angles
-        return replace(plan, angles=angles, link_poses=links, held_poses=sent, retreat=words)
+        here = np.where(np.isfinite(inputs.poses), inputs.poses, sent)
+        return replace(plan, angles=angles, link_poses=links, held_poses=here, retreat=words)
 
     def _led_astray(
         self, limits: LimitedProblem, now: CableEstimate, plan: TowingPlan

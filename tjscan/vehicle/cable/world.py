@@ -211,6 +211,7 @@ class TowingWorld:
         self._pushed = np.zeros((self.vehicles, 3))
         self._push_ends = np.full(self.vehicles, -np.inf)
         self._held_passers = np.zeros(len(model.passers_by), dtype=bool)
+        self._met_passers = self._held_passers.copy()
         # A passer-by walks by a clock of its own, which stops while it is held.
         self._walked = np.full(len(model.passers_by), time)
         self._asked, self._gone, self._began = 0.0, 0, time - settle
@@ -268,7 +269,7 @@ class TowingWorld:
         discs = np.zeros((len(self.model.passers_by), 5))
         for which, passer_by in enumerate(self.model.passers_by):
             at, speed = passer_by.motion_at(self._walked[which])
-            if self._held_passers[which]:
+            if self._held_passers[which] or self._met_passers[which]:
                 speed = np.zeros(2)
             discs[which] = (*at, passer_by.radius, *speed)
         return discs
@@ -330,12 +331,21 @@ class TowingWorld:
         for which, stopped in enumerate(self._held_passers):
             # One that walks into something stops there: no floor could hold what it would push.
             met = any(f"passer-by {which + 1}" in pair for pair in touches)
-            self._walked[which] += 0.0 if stopped or met else step
+            self._met_passers[which] = met and self._walks_into_something(which)
+            self._walked[which] += 0.0 if stopped or self._met_passers[which] else step
         self._place_passers_by()
         self._pushes += forces
         self._most_push = np.maximum(self._most_push, np.hypot(forces[:, 0], forces[:, 1]))
         self._summed += 1
         self._touched |= touches
+
+    def _walks_into_something(self, which: int) -> bool:
+        """Whether what a passer-by touches, cable or vehicle, is ahead of it."""
+        at, speed = self.model.passers_by[which].motion_at(self._walked[which])
+        places = np.vstack((self.plant.points[:, :2], self.plant.poses[:, :2])) - at
+        apart = np.hypot(*places.T)
+        apart[-self.vehicles :] -= self.model.vehicle.body_radius
+        return bool(places[apart.argmin()] @ speed > 0.0)
 
     def _place_passers_by(self) -> None:
         for which, passer_by in enumerate(self.model.passers_by):
