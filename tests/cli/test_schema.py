@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 from tjscan.job.reading import FILE_KINDS, kind_of_other_file
 
 ROOT = Path(__file__).parents[2]
-CRAWLS = ("crawl", "crawl-layers", "crawl-paper-initial", "crawl-paper-final")
+CRAWLS = ("crawl", "crawl-paper-initial", "crawl-paper-final")
 FILES = {
     "joint": sorted((ROOT / "cad").glob("*.toml")),
     "scan": [ROOT / "examples" / f"{name}.toml" for name in ("paper", "ur10e", "whole-joint")],
