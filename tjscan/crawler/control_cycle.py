@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import copysign, floor, isfinite, nan
+from math import floor, isfinite, nan
 from typing import Final, Protocol
 
 import numpy as np
@@ -40,10 +40,6 @@ way is added up, and none of the limits that are on way or time is ever reached.
 MOST_PROFILE_AGE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten
 of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
-
-SURE_SIGMA, READING_SIGMAS = 0.03e-3, 3.0
-"""Standard deviation from which a reading is unsure, metres: one of a groove nearly full; and how
-many of what is more it may be off by without contradicting anything."""
 
 MOST_KEPT_PROFILES: Final = 10
 """Profiles that are kept."""
@@ -186,14 +182,6 @@ class JointLook(Protocol):
         """Take in a cycle, and where the joint is in its profile."""
 
 
-def _unexplained(surprise: float | None, sigma: float) -> float | None:
-    """What of a surprise the standard deviation of an unsure reading does not explain, metres."""
-    if surprise is None:
-        return None
-    explained = READING_SIGMAS * max(sigma - SURE_SIGMA, 0.0)
-    return copysign(max(abs(surprise) - explained, 0.0), surprise)
-
-
 class ControlCycle:
     """The cycles of one crawl, and what they go on from.
 
@@ -327,7 +315,7 @@ class ControlCycle:
         d, d_sigma, surprise = nan, nan, None
         if reading is not None:
             d, d_sigma = -reading.centre, reading.centre_sigma
-            surprise = _unexplained(method.read(d, d_sigma), d_sigma)
+            surprise = method.read(d, d_sigma)
         torch, jog = method.torch, devices.jog.offset
         path += jog
         torch_y = devices.torch.move(path - torch.offset, height, period)

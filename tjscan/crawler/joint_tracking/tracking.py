@@ -42,7 +42,7 @@ BEVEL_TURNS: Final = (radians(10.0), radians(80.0))
 LARGEST_ANGLE_BETWEEN_PLATES: Final = radians(20.0)
 """Largest angle between the plates."""
 
-LARGEST_JOINT_WIDTH_CHANGE: Final = 0.4e-3
+LARGEST_JOINT_WIDTH_CHANGE: Final = 1.0e-3
 """The joint's width does not change by more from one profile to the next, in metres."""
 
 LEAST_SHARE_ON_REFERENCE: Final = 0.3
