@@ -211,9 +211,9 @@ class SurfaceErrors:
     sag_p95: float
 
     @classmethod
-    def of_weld(cls, state: WeldState, cap_height: float) -> Self:
+    def of_weld(cls, state: WeldState, cap_height: float, *, closed: bool = False) -> Self:
         """Those of a true surface; the target moved with the groove's faces."""
-        inner = slice(ENDS, -ENDS)
+        inner = slice(None) if closed else slice(ENDS, -ENDS)
         target = WeldTarget.over(state, cap_height)
         upright = 1 / np.hypot(1, target.slope)
         span = np.diff(state.toe_points[:, :, 0], axis=1)[:, 0]

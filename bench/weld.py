@@ -2,9 +2,10 @@
 
 The planner is never scored on its own bead model alone: in one world beads are narrower, their
 contact angles others and gravity is 10° off; in another they obey other equations. Then the whole
-chain: the example's job with scan, arcs and looks, held against the simulation's truth. ``--quick``
-takes three seeds instead of twenty, and one short chain instead of eight; ``--first 321`` takes
-seeds from that on, instead of 201, for all but the chain.
+chain: the example's job with scan, arcs and looks, held against the simulation's truth, and the
+same all round the paper's joint, from two stations. ``--quick`` takes three seeds instead of
+twenty, one short chain instead of eight, and one look a layer all round; ``--first 321`` takes
+seeds from that on, instead of 201, for all but the chains; ``--part`` measures a part of the rows.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Final
 
 import numpy as np
 from _table import Row, main
-from _weld_chain import weld_chain
+from _weld_chain import ChainOutcome, weld_chain, weld_ring
 from _weld_worlds import (
     CAP_HEIGHT,
     GrooveOfBench,
@@ -33,12 +34,15 @@ from _weld_worlds import (
     trace_of,
 )
 
+from tjscan.runs.weld.run import LookSchedule
 from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
 from tjscan.welding.world import WeldWorld
 
 OPTIONS = ArgumentParser(add_help=False, allow_abbrev=False)
 OPTIONS.add_argument("--quick", action="store_true")
 OPTIONS.add_argument("--first", type=int, default=201)
+OPTIONS.add_argument("--part", choices=("welds", "chain", "ring", "all"), default="all")
+OPTIONS.add_argument("--ring-seed", type=int, default=431)
 CHOSEN, REST = OPTIONS.parse_known_args()
 QUICK = CHOSEN.quick
 SEEDS = range(CHOSEN.first, CHOSEN.first + (3 if QUICK else 20))
@@ -161,6 +165,13 @@ SURFACE_SHARES: Final = (
 
 
 def measure() -> Iterable[Row]:
+    """All rows, or those of a part."""
+    for part, rows in (("welds", weld_rows), ("chain", chain_rows), ("ring", ring_rows)):
+        if CHOSEN.part in ("all", part):
+            yield from rows()
+
+
+def weld_rows() -> Iterable[Row]:
     """Weld every world with every seed."""
     for kind, words, cap_limit in WORLDS:
         yield Row(
@@ -186,14 +197,25 @@ def measure() -> Iterable[Row]:
         "samples outside the WPS, or short and not named", sum(o.unnamed for o in everything), 0
     )
     yield Row("replan of 600 mm, longest, processor time", max(REPLAN_SECONDS), 1.0, "s")
-    yield from chain_rows()
 
 
 def chain_rows() -> Iterable[Row]:
     """The whole chain on a length of the example's joint."""
     chains = [weld_chain(seed, CHAIN_LENGTH) for seed in CHAIN_SEEDS]
-    fills = [one.surface.fill_rms for one in chains]
     name = f"whole chain, {1e3 * CHAIN_LENGTH:.0f} mm, {len(chains)} seeds"
+    return rows_of_chains(name, chains)
+
+
+def ring_rows() -> Iterable[Row]:
+    """The whole chain all round the paper's joint, from two stations."""
+    looks = LookSchedule.LAYER if QUICK else LookSchedule.PASS
+    name = f"all round from two stations, a look each {looks}, seed {CHOSEN.ring_seed}"
+    return rows_of_chains(name, [weld_ring(CHOSEN.ring_seed, looks)])
+
+
+def rows_of_chains(name: str, chains: list[ChainOutcome]) -> Iterable[Row]:
+    """The rows of whole chains."""
+    fills = [one.surface.fill_rms for one in chains]
     yield Row(f"{name}: fill error of a slice, rms, median", median(fills), 0.2, "mm")
     yield Row("… the worst", max(fills), 0.2, "mm")
     caps = median(one.surface.cap_rms for one in chains)
@@ -208,6 +230,7 @@ def chain_rows() -> Iterable[Row]:
     least = 0 if QUICK else 92
     name = f"… torch's deviation observed, {len(stated)} looks: truth inside 95 %"
     yield Row(name, inside, 98 if not QUICK else np.inf, "%", at_least=least)
+    yield Row("… numbers of the log without a source", sum(one.unsourced for one in chains), 0)
 
 
 if __name__ == "__main__":

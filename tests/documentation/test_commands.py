@@ -15,7 +15,7 @@ from command import tjscan
 from documented import DOCUMENTS, ROOT, commands_of, fenced_blocks, without_blocks
 
 import tjscan as api
-from tjscan.cli import add_commands_of_packages, app
+from tjscan.cli import _load_commands, add_commands_of_packages, app
 from tjscan.cli.options.shared import parse_overrides
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.files import (
@@ -185,6 +185,7 @@ def test_a_command_is_parsed_and_its_keys_are_known(
 ) -> None:
     monkeypatch.chdir(ROOT)
     _, *words = shlex.split(command)
+    _load_commands(words)
     _, bound, *_ = app.parse_args(words, exit_on_error=False, print_error=False)
     called = " ".join(app.parse_commands(words)[0])
     keys = parse_overrides(bound.arguments.get("overrides", ()))

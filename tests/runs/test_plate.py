@@ -1,4 +1,4 @@
-"""Beads on a plate, from a file: `tjscan beads` gives the model that laid them."""
+"""Beads on a plate, from a file: `tjscan weld calibrate` gives the model that laid them."""
 
 import json
 from pathlib import Path
@@ -42,7 +42,7 @@ def write_plate(folder: Path, offset: float = 0.3e-3) -> Path:
 def test_beads_give_back_efficiency_offset_and_width(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert tjscan("beads", write_plate(tmp_path), "--json") == 0
+    assert tjscan("weld", "calibrate", write_plate(tmp_path), "--json") == 0
     said = capsys.readouterr()
     assert "[weld.bead]" in said.err
     fit = json.loads(said.out)

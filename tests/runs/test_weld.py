@@ -29,6 +29,7 @@ from tjscan.power.source import PowerSample
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, _Samples, left_to_weld
+from tjscan.runs.weld.beads import WeldPass
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
     HEIGHT_EVENT,
@@ -56,7 +57,7 @@ from tjscan.runs.weld.results import (
 )
 from tjscan.runs.weld.run import LookSchedule, Weld, WeldContext, resume_weld, run_weld
 from tjscan.welding.look import SurfaceLook
-from tjscan.welding.replan import NextBead
+from tjscan.welding.replan import GroovePart, NextBead
 from tjscan.welding.target import WeldTarget
 
 ROOT: Final = Path(__file__).parents[2]
@@ -229,8 +230,8 @@ def test_stopped_weld_goes_on_with_an_overlap_and_welds_nothing_twice(welded: Pa
     stopped = [one for one in found.arcs if one.fault]
     assert len(stopped) == 1
     assert 0.0 < stopped[0].end < found.beads[0].s[-1]
-    for number, bead in found.beads.items():
-        arcs = [one for one in found.arcs if one.number == number]
+    for bead in found.beads:
+        arcs = found.arcs_of(bead)
         # Stretches that were not read part a bead.
         read = np.flatnonzero(bead.weldable > 0)
         spans = np.split(bead.s[read], np.flatnonzero(np.diff(read) > 1) + 1)
@@ -279,7 +280,7 @@ def test_beads_on_a_horizontal_leg_are_held_and_stacked_from_it_up(welded: Path)
     for message in read_weld(welded):
         weld.replay(message)
     order, planner = weld.order, weld.planner
-    beads = tuple(read_recorded_weld(welded).beads.values())
+    beads = read_recorded_weld(welded).beads
     assert planner is not None
     width = planner.model.bead_width(np.array([bead.heat_input.mean() for bead in beads]))
     assert (width + order.weaves < 1.15 * planner.model.widest_on_slope(tilt).min()).all()
@@ -289,7 +290,7 @@ def test_beads_on_a_horizontal_leg_are_held_and_stacked_from_it_up(welded: Path)
     inner = slice(5, -5)
     target = WeldTarget.over(planner.belief, order.cap_height)
     off = np.where(target.between, planner.belief.w - target.top, np.nan)[inner]
-    assert np.sqrt(np.nanmean(off**2)) < 1.0e-3
+    assert np.sqrt(np.nanmean(off**2)) < 1.3e-3  # with looks at layers alone
 
 
 def test_pools_that_the_procedure_keeps_too_wide_for_the_slope_are_told(welded: Path) -> None:
@@ -424,6 +425,8 @@ def weld_without_looks(**context: Any) -> Weld:
     of_groove |= {
         "context": WeldContext(read_weld_job(JOB), JOB, **context),
         "stations": bent_stations(),
+        "passes": tuple(WeldPass(k, "", 0.0, 0.2) for k in range(3)),
+        "arms": {"": SimpleNamespace(part=GroovePart.all_of(bent_stations().s))},
     }
     return Weld(**of_groove)
 
@@ -434,8 +437,14 @@ class CountingPlanner:
     def __init__(self) -> None:
         self.done, self.laid = 0, list[Any]()
 
-    def next_bead(self) -> NextBead:
-        return replace(bead_along(bent_stations().s), number=self.done)
+    def next_bead(self, part: GroovePart) -> NextBead:
+        return replace(bead_along(part.s), number=self.done)
+
+    def for_arc(self, bead: NextBead, begin: float, end: float) -> NextBead:
+        return bead
+
+    def area_of_arc(self, s: Array, *others: Any) -> Array:
+        return np.ones_like(s)
 
     def after_bead(self, bead: NextBead, *laid: Any) -> None:
         assert bead.number == self.done
@@ -443,6 +452,9 @@ class CountingPlanner:
         self.done += 1
 
     def take_look(self, *seen: Any) -> None:
+        pass
+
+    def begin_at(self, *seen: Any) -> None:
         pass
 
 
@@ -456,7 +468,9 @@ def replayed(*messages: object) -> Weld:
     weld = weld_without_looks()
     planner: Any = CountingPlanner()
     weld.planner = planner
-    weld.world = SimpleNamespace(weld=lambda trace: None)  # type: ignore[assignment]
+    state = SimpleNamespace(tilt=np.zeros(101))
+    weld.world = SimpleNamespace(weld=lambda trace: None, state=state)  # type: ignore[assignment]
+    weld._readable[""] = np.ones(101, dtype=bool)
     for message in messages:
         weld.replay(message)
     weld.end_replay()
@@ -466,30 +480,29 @@ def replayed(*messages: object) -> Weld:
 def test_dry_run_over_a_half_welded_bead_welds_nothing() -> None:
     dry = [planned(number, dry=True) for number in range(3)]
     weld = replayed(planned(0), arc(0.0, 0.04), *dry)
-    assert weld.planner is not None
-    assert weld.planner.done == 0
-    assert list(weld.stretches_left(weld.planner.next_bead())) == [pytest.approx((0.03, 0.2))]
+    assert weld.done == 0
+    assert weld._bead is not None
+    assert list(weld.stretches_left(weld._bead)) == [pytest.approx((0.03, 0.2))]
 
 
 def test_bead_on_which_nothing_could_be_welded_counts_after_a_resume() -> None:
     weld = replayed(planned(0, 0.0), planned(1), arc(0.0, 0.04))
-    assert weld.planner is not None
-    assert weld.planner.done == 1
-    assert replayed(planned(0), planned(0)).planner.done == 0  # type: ignore[union-attr]
+    assert weld.done == 1
+    assert replayed(planned(0), planned(0)).done == 0
 
 
 def test_stretch_too_short_for_an_arc_is_not_weldable() -> None:
     weld, s = replayed(), bent_stations().s
     read = (s > 0.08) | (s < 0.01)
     u = np.linspace(-0.02, 0.02, 5)
-    weld._take_look(SurfaceLook(u, np.zeros((len(s), 5)), np.zeros((len(s), 5)), read))
-    assert (weld.weldable == (s > 0.08)).all()
+    weld.toes_u = np.tile((-0.01, 0.01), (len(s), 1))
+    weld._take_look(SurfaceLook(u, np.zeros((len(s), 5)), np.zeros((len(s), 5)), read), "")
+    assert (weld._readable[""] == (s > 0.08)).all()
 
 
 def test_operator_stops_a_dry_run() -> None:
     weld = replayed()
-    order: Any = SimpleNamespace(counts=(3,))
-    weld.order, weld.context.stop.ends_after_section = order, True
+    weld.context.stop.ends_after_section = True
     with pytest.raises(WeldStopped, match="by the operator"):
         weld.plan_all(FailingJournal(lambda message: False))
 
@@ -546,12 +559,11 @@ def test_gap_before_a_second_ignition_does_not_count_as_welded() -> None:
     weld = replayed(planned(0), arc(0.0, 0.0), second, planned(1))
     planner: Any = weld.planner
     s = bent_stations().s
-    assert (planner.laid[0] == (s > 0.001)).all()
+    assert ((planner.laid[0] > 0) == (s > 0.001)).all()
 
 
 def test_operator_stops_the_wait_between_two_beads() -> None:
     weld, journal, source = replayed(), FailingJournal(lambda message: False), None
-    order: Any = SimpleNamespace(counts=(2,))
     waits: list[float] = []
 
     def wait(seconds: float) -> None:
@@ -559,14 +571,13 @@ def test_operator_stops_the_wait_between_two_beads() -> None:
         weld.context.stop.ends_after_section = len(waits) == 3
 
     clock: Any = SimpleNamespace(wait=wait)
-    weld.order, weld.clock = order, clock
+    weld.clock, weld._readable[""] = clock, np.zeros(101, dtype=bool)
     with pytest.raises(WeldStopped, match="between two beads") as caught:
         weld.weld_all(source, LookSchedule.NONE, journal)  # type: ignore[arg-type]
     assert caught.value.fault == ArcFault.STOPPED
     assert weld.context.wps.sequence.interpass_wait > 10
     assert waits == [1.0] * 3
-    assert weld.planner is not None
-    assert weld.planner.done == 1
+    assert weld.done == 1
 
 
 def test_arc_without_an_end_is_asked_about_before_the_weld_goes_on() -> None:
@@ -642,6 +653,6 @@ def test_torch_stays_at_its_height_where_a_source_gives_no_current() -> None:
     assert len(told) == 1
     assert told[0].startswith("bead 1 at ")
     event = RunEvent(HEIGHT_EVENT, told[0])
-    recorded = RecordedWeld({}, (), (), (), (event,))
+    recorded = RecordedWeld((), (), (), (), (event,))
     assert told[0] in weld_log(ROOT, recorded)["height_at_bound"]
     assert any(told[0] in one for one in _weld_findings(recorded))

@@ -108,6 +108,18 @@ def test_pool_that_would_fall_is_refused() -> None:
         lay(FREE, 0 * U, 0.0, 13e-3, 10e-6, np.pi)
 
 
+def test_pool_on_a_steep_face_hangs_as_gravity_square_to_the_face_has_it() -> None:
+    """A section turned by the slope is the same pool: held upright, and falling where it hangs."""
+    slope, width = radians(60), 13e-3
+    rise = np.tan(slope) * U
+    with pytest.raises(ConfigurationError, match="fall out"):
+        lay(FREE, rise, 0.0, width, 10e-6, np.pi - slope)
+    # Square to the face no gravity pulls out of it: upright, and beside a bevel that hangs over.
+    for tilt in (-slope, radians(-104)):
+        laid = lay(FREE, rise, 0.0, width, 10e-6, tilt)
+        assert np.sum(column_widths(U) * (laid.w[0] - rise)) == pytest.approx(10e-6)
+
+
 def test_ignition_adds_and_crater_lacks() -> None:
     along = np.linspace(0, 0.2, 201)
     share = BeadModel().area_along_bead(along, 0.2 - along)

@@ -11,7 +11,7 @@ from weld_grooves import example_wps, torch_trace, v_groove, v_groove_planner, w
 from tjscan.core.errors import LookRefused
 from tjscan.core.frames import Array
 from tjscan.welding.learning import ScalarFilter, WeldLearner
-from tjscan.welding.replan import WeldPlanner
+from tjscan.welding.replan import GroovePart, WeldPlanner
 from tjscan.welding.target import WeldTarget, remaining_area
 from tjscan.welding.world import WeldFaults, WeldWorld
 
@@ -155,3 +155,52 @@ def test_offset_is_learnt_from_the_stations_that_show_it() -> None:
     hidden = WeldLearner()
     assert hidden.learn_offset(beside[:3], sensitivity[:3]) is None
     assert hidden.offset.value == 0.0
+
+
+def test_bead_in_two_parts_is_believed_as_it_lies() -> None:
+    """Two arcs lay a bead, one on each side of a border: speeds make up for starts and craters."""
+    state = v_groove()
+    planner, world = v_groove_planner(state), weld_world(state, WeldFaults())
+    bead = planner.next_bead()
+    bead = replace(bead, speed=0 * bead.s + 5.5e-3)
+    area = planner.wps.deposition_rate(bead.feed) / bead.speed
+    length = float(state.s[-1])
+    border = 0.47 * length  # between two stations
+    set_area = np.zeros_like(bead.s)
+    for begin, end in ((0.0, border), (border, length)):
+        arc = planner.for_arc(bead, begin, end)
+        assert arc.speed[0] > np.interp(begin, bead.s, bead.speed)
+        assert arc.speed[-1] < np.interp(end, bead.s, bead.speed)
+        wps = planner.wps.arc
+        assert (wps.travel_speed[0] <= arc.speed).all() & (arc.speed <= wps.travel_speed[1]).all()
+        world.weld(torch_trace(arc))
+        on = (bead.s >= begin) & (bead.s <= end)
+        s = bead.s[on]
+        feed, speed = (np.interp(s, arc.s, row) for row in (arc.feed, arc.speed))
+        set_area[on] += planner.area_of_arc(s, (begin, end), feed, speed)
+    planner.after_bead(bead, set_area)
+    np.testing.assert_allclose(planner.belief.metal_area, world.state.metal_area, rtol=1e-9)
+    near = np.abs(bead.s - border) < 8e-3
+    off = np.abs(world.state.metal_area / area - 1)[near]
+    assert off.max() < 0.05  # a crater alone lacks a third
+
+
+def test_parts_of_a_groove_are_planned_and_welded_as_the_whole_of_it() -> None:
+    state = v_groove()
+    whole, parted = v_groove_planner(state), v_groove_planner(state)
+    bead = whole.next_bead()
+    whole.after_bead(bead)
+    halves = [GroovePart(rows, state.s[rows]) for rows in (np.arange(25), np.arange(25, 41))]
+    for part in halves:
+        parted.done = 0
+        planned = parted.next_bead(part)
+        inner = slice(6, -6)
+        np.testing.assert_allclose(planned.area[inner], bead.area[part.rows][inner], rtol=2e-2)
+        ends = float(state.s[0]), float(state.s[-1])
+        area = parted.area_of_arc(part.s, ends, bead.feed[part.rows], bead.speed[part.rows])
+        parted.after_bead(bead.part(part.rows), area, part=part)
+    # Toes of a pool move together over a few millimetres: the border alone differs.
+    away = np.abs(np.arange(41) - 24.5) > 6
+    np.testing.assert_allclose(parted.belief.w[away], whole.belief.w[away], atol=1e-5)
+    np.testing.assert_allclose(parted.belief.metal_area, whole.belief.metal_area, rtol=1e-9)
+    np.testing.assert_array_equal(parted.belief.s, state.s)

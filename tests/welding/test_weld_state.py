@@ -76,6 +76,19 @@ def test_closed_groove_is_welded_across_its_end() -> None:
     world.weld(replace(trace, s=trace.s + 0.5 * period))
     # From the last station to the first one there is a step on which no station lies.
     assert np.count_nonzero(world.state.metal_area == 0) <= 1
+    np.testing.assert_array_equal(world.state.s, state.s)
+
+
+def test_what_wanders_goes_on_over_the_end_of_a_closed_groove() -> None:
+    state = v_groove()
+    state = replace(state, s=state.s, w=np.tile(state.w[20], (41, 1)))
+    period = float(state.s[-1] + 2e-3)
+    world = replace(weld_world(state, WeldFaults(slip=0.1)), period=period)
+    trace = torch_trace(v_groove_planner(v_groove()).next_bead())
+    even = {"speed": 0 * trace.speed + 5e-3, "feed": 0 * trace.feed + 0.15}
+    area = world.weld(replace(trace, s=trace.s + 0.5 * period, **even))
+    inner = np.r_[area[-5:], area[:5]]  # ignition and crater lie in the middle
+    assert abs(inner[5] - inner[4]) < 3 * np.abs(np.diff(area[:15])).mean()
 
 
 def test_wire_meets_the_outermost_face() -> None:

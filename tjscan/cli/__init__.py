@@ -38,15 +38,17 @@ app = _TjscanApp(
 )
 crawl_app = App(name="crawl", help="Follow a hull's joint with a magnetic crawler, and weld it.")
 tow_app = App(name="tow", help="Tow a welding cable with several vehicles, in an optimised shape.")
-app.command(crawl_app)
-app.command(tow_app)
+weld_app = App(name="weld")
+for its_app in (crawl_app, tow_app, weld_app):
+    app.command(its_app)
 
 COMMAND_GROUPS: Final = (
     (app, "scan", ("scan", "teach", "doctor", "laser", "reprocess", "stitch")),
     (app, "calibrate", ("calibrate",)),
     (app, "results", ("groove", "compare", "export", "report", "view")),
     (app, "plan", ("plan",)),
-    (app, "weld", ("weld", "inspect", "beads")),
+    (app, "weld", ("inspect",)),
+    (weld_app, "weld", ("calibrate",)),
     (app, "study", ("study", "chain")),
     (app, "files", ("joint", "init", "schema")),
     (crawl_app, "crawl", ("run", "size", "calibrate", "register", "compare", "replay")),
@@ -112,6 +114,10 @@ def _load_commands(tokens: Sequence[str]) -> None:
         If it is of a loopback device whose package is missing.
     """
     words = tuple(token for token in tokens if not token.startswith("-"))
+    if words[:1] in ((), ("weld",)) and weld_app.default_command is None:
+        from tjscan.cli.weld import weld  # which has a command below it, and is one
+
+        weld_app.default(weld)
     if not words or words[0] not in app:
         add_commands_of_packages()
     if words and words[0] in LOOPBACK_COMMANDS and words[0] not in app:
@@ -119,7 +125,8 @@ def _load_commands(tokens: Sequence[str]) -> None:
             f"'tjscan {words[0]}' needs the package tjscan-loopback, which is not installed: "
             "pip install ./loopback in the checkout of tjscan"
         )
-    if words in (listings := {(): app, ("crawl",): crawl_app, ("tow",): tow_app}):
+    listings = {(): app, ("crawl",): crawl_app, ("tow",): tow_app, ("weld",): weld_app}
+    if words in listings:
         listings[words].resolved_commands()
 
 

@@ -1,4 +1,4 @@
-"""``tjscan weld``, ``inspect`` and ``beads``."""
+"""``tjscan weld``, ``weld calibrate`` and ``inspect``."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def inspect(run: Path, *, limits: Path, thickness_mm: float, json: bool = False)
         raise SystemExit(3)
 
 
-def beads(plate: Path, *, json: bool = False) -> None:
+def calibrate(plate: Path, *, json: bool = False) -> None:
     """Fit the bead model to beads on a plate: width, contact angles, deposition, torch offset.
 
     Prints the table [weld.bead] for a weld's job.

@@ -106,8 +106,6 @@ class WeldJob(ScanJob):
                 "spot: take the simulated power source, or a modbus one on this machine (such as "
                 "'tjscan power-loopback')",
             )
-        if self.station:
-            yield "station", "a weld is made from one place of the arm: leave [[station]] out"
         if self.joint is None:
             yield "joint", "a simulated weld needs a [joint] table to weld on"
 

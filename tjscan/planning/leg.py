@@ -25,9 +25,6 @@ LARGEST_LEG_MISFIT: Final = 1e-3
 LARGEST_NORMAL_MISFIT: Final = np.radians(2.0)
 """The same of the wall's normals, rms."""
 
-PLANE_ROUNDS: Final = 3
-"""Of moving g and cutting again: then areas are within 0.1 % at the sections."""
-
 CUTTING_ROUNDS: Final = 4
 """Newton's, for where a plane cuts a line: more move nothing by a micrometre."""
 
@@ -80,10 +77,7 @@ def bound_groove_by_leg(edges: GrooveEdges) -> GrooveEdges:
     _, p4, g, p2 = np.moveaxis(edges.corners(edges.sections), 1, 0)
     down = unit_vectors(g - p2)
     swept = _with_g(edges, g + _lengths_down_to_leg(leg, p4, g, down)[..., None] * down)
-    bounded = swept
-    for _ in range(PLANE_ROUNDS):  # the plane leans as g moves
-        bounded = _match_areas(bounded, swept, leg)
-    return replace(bounded, leg_radius=leg.radius)
+    return replace(_match_areas(swept, leg), leg_radius=leg.radius)
 
 
 def _with_g(edges: GrooveEdges, g: Array) -> GrooveEdges:
@@ -93,9 +87,9 @@ def _with_g(edges: GrooveEdges, g: Array) -> GrooveEdges:
     return replace(edges, curves=(*edges.curves[:G], curve, *edges.curves[G + 1 :]))
 
 
-def _match_areas(edges: GrooveEdges, swept: GrooveEdges, leg: Cylinder) -> GrooveEdges:
+def _match_areas(swept: GrooveEdges, leg: Cylinder) -> GrooveEdges:
     """Edges with g moved along the wall: areas are those in their planes of what sections sweep."""
-    stations = cut_groove_stations(edges, edges.sections)
+    stations = cut_groove_stations(swept, swept.sections)
     p3, p4, g, p2 = np.moveaxis(stations.corners, 1, 0)
     down = unit_vectors(g - p2)
     way = stations.vectors_to_space(down)
@@ -108,7 +102,7 @@ def _match_areas(edges: GrooveEdges, swept: GrooveEdges, leg: Cylinder) -> Groov
     area = 0.5 * np.sum(x * np.roll(y, -1, axis=0) - np.roll(x, -1, axis=0) * y, axis=0)
     # The area is linear in g, whose lever is the line from p4 to p2.
     by = (2 * area - planar_cross(g - p3, p2 - p4)) / planar_cross(down, p2 - p4)
-    return _with_g(edges, edges.corners(edges.sections)[:, G] + by[:, None] * way)
+    return _with_g(swept, swept.corners(swept.sections)[:, G] + by[:, None] * way)
 
 
 def _cut_swept_line(edges: GrooveEdges, stations: GrooveStations, a: int, b: int) -> Array:

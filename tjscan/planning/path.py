@@ -6,10 +6,11 @@ from dataclasses import dataclass, fields
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, cross, unit_vectors
-from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.edges import EDGE_CORNER_NAMES, GrooveEdges
 from tjscan.planning.template import BeadCells, SectionTemplate
 
 LARGEST_CHORD_ERROR: Final = 0.1e-3
@@ -17,6 +18,8 @@ LARGEST_CHORD_ERROR: Final = 0.1e-3
 
 LARGEST_KINK: Final = np.radians(2.0)
 """Angle between two chords that follow one another, at most."""
+
+STEEL_CORNERS: Final = [EDGE_CORNER_NAMES.index(name) for name in ("p3", "p4", "p2")]
 
 LONGEST_STATION_STEP: Final = 10e-3
 """Metres between two stations, at most."""
@@ -50,6 +53,11 @@ class GrooveStations:
     corners: Array
     tangent: Array
 
+    def at(self, rows: NDArray[np.intp], s: Array) -> GrooveStations:
+        """Some of them, of a groove that closes a second time at other lengths s."""
+        values = [getattr(self, f.name)[rows] for f in fields(self)]
+        return GrooveStations(s, *values[1:])
+
     def part(self, first: int, last: int) -> GrooveStations:
         """Those from one to another, both included."""
         return GrooveStations(*(getattr(self, f.name)[first : last + 1] for f in fields(self)))
@@ -69,7 +77,8 @@ def cut_groove_stations(edges: GrooveEdges, s: Array) -> GrooveStations:
     """Cut the smoothed groove at lengths, shape (m,), metres."""
     p = edges.corners(s)
     origin = p.mean(axis=1)
-    tangent = unit_vectors(edges.derivatives(s).mean(axis=1))
+    # Of what is steel: g is moved until areas agree, and would turn the planes that they lie in.
+    tangent = unit_vectors(edges.derivatives(s)[:, STEEL_CORNERS].mean(axis=1))
     up = p[:, 2] + p[:, 3] - p[:, 0] - p[:, 1]
     up = unit_vectors(up - np.sum(up * tangent, axis=1, keepdims=True) * tangent)
     across = cross(up, tangent)

@@ -14,7 +14,7 @@ from pydantic_core import to_json
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.core.config import read_unaltered_json
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, pose_from_euler_zyx
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import DEG, MM, MM2
 from tjscan.groove.measured import MeasuredSection
@@ -328,6 +328,13 @@ class StationPlacement:
     nominal_off_deg: float
     walls_rms_mm: float
     walls_misfit: float
+
+    @property
+    def T_j_b(self) -> Array:
+        """Pose of its base in frame j, shape (4, 4), metres."""
+        return pose_from_euler_zyx(
+            1e-3 * np.array(self.position_mm), np.radians(self.euler_zyx_deg)
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -156,8 +156,8 @@ def surface_lengths(u: Array, w: Array) -> Array:
 class _Meniscus:
     """A pool's surface between toes at x = ±B/2: chord + odd + P even, of linearised Young–Laplace.
 
-    With k = cos(tilt) / capillary length²: even'' = k even - 1 and odd'' = k odd + x drive, zero
-    at both toes.
+    With k, gravity square to the chord over the squared capillary length: even'' = k even - 1 and
+    odd'' = k odd + x drive, zero at both toes.
     """
 
     half: Array
@@ -271,9 +271,10 @@ def lay_beads(
 def _pool_between_toes(
     model: BeadModel, half: Array, chord: Array, cosine: Array, sine: Array
 ) -> _Meniscus:
-    # Linearised about the chord: curvature is w'' / (1 + chord²)^1.5.
+    # Linearised about the chord: curvature is w'' / (1 + chord²)^1.5. What gravity does to a pool
+    # that bulges is decided by its part square to the chord: hanging from a steep one is none.
     bending = (1 + chord**2) ** 1.5 / model.capillary_length**2
-    stiffness = cosine * bending
+    stiffness = (cosine - chord * sine) / (1 + chord**2) * bending
     least = LEAST_STIFFNESS / half**2
     hangs = stiffness < -least
     root = np.sqrt(np.maximum(np.abs(stiffness), least))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tjscan.core.frames import (
@@ -34,7 +36,7 @@ from tjscan.welding.look import (
     see_closing,
 )
 from tjscan.welding.shrinkage import ShrinkageModel, close_groove
-from tjscan.welding.state import WeldState
+from tjscan.welding.state import Rows, WeldState
 from tjscan.welding.target import (
     WeldTarget,
     area_lost_by_closing,
@@ -69,6 +71,9 @@ SENSITIVITY_STEP: Final = 0.5e-3
 
 LEAST_BEAD_AREA: Final = 1e-6
 """m²: a bead that a look shows with less has no centre."""
+
+ARC_STEP: Final = 0.5e-3
+"""Between two places at which the speed of an arc is set, metres: ignition and crater are short."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +110,28 @@ class BeadOrder:
             bead -= self.counts[layer]
             layer += 1
         return layer, bead
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroovePart:
+    """Some of a weld's n stations, one after the other along the groove.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (k,)
+        Which.
+    s : ndarray, shape (k,)
+        Their lengths along the groove, growing, metres: in a groove that closes they go on beyond
+        its length.
+    """
+
+    rows: NDArray[np.intp]
+    s: Array
+
+    @classmethod
+    def all_of(cls, s: Array) -> GroovePart:
+        """All stations, at their lengths along the groove, shape (n,)."""
+        return cls(np.arange(len(s)), s)
 
 
 @array_dataclass
@@ -144,6 +171,25 @@ class NextBead:
     heat_input: Array
     carried: Array
 
+    def at(self, s: Array) -> NextBead:
+        """The same bead at other lengths along the groove, between its stations."""
+
+        def interpolated(values: Array) -> Array:
+            rows = [np.interp(s, self.s, row) for row in np.atleast_2d(values.T)]
+            return np.stack(rows, axis=-1).reshape(len(s), *values.shape[1:])
+
+        return self._with_arrays(interpolated)
+
+    def part(self, rows: Rows) -> NextBead:
+        """The same bead at some of its stations."""
+        return self._with_arrays(lambda values: values[rows])
+
+    def _with_arrays(self, change: Callable[[Array], Array]) -> NextBead:
+        """The same bead, each of its arrays changed."""
+        names = [one.name for one in fields(NextBead) if one.name not in ("number", "layer")]
+        along = {name: change(getattr(self, name)) for name in names}
+        return NextBead(self.number, self.layer, **along)
+
     @property
     def is_at_limit(self) -> Mask:
         """Stations at which a limit of the WPS leaves more than a little to later beads."""
@@ -176,7 +222,7 @@ class WeldPlanner:
     total : ndarray, shape (n,)
         Area of the whole weld as first planned, m².
     done : int
-        Beads that were laid.
+        Beads that were laid where the next one is planned.
     power_ratio : float
         Of the arc's power to that of the WPS at its wire feed, as the last arc showed it.
     fill_sigma : ndarray, shape (n,)
@@ -198,19 +244,26 @@ class WeldPlanner:
     power_ratio: float = 1.0
     deviation: ScalarFilter | None = None
     _closing_variance: Array = field(init=False)
-    _aims: dict[int, Array] = field(default_factory=dict)
-    _laid: tuple[WeldState, NextBead] | None = None
+    _aims: dict[tuple[int, int], Array] = field(default_factory=dict)
+    _laid: tuple[WeldState, NextBead, GroovePart] | None = None
     _seen: WeldState = field(init=False)
 
     def __post_init__(self) -> None:
         self._seen = self.belief
         self._closing_variance = np.zeros_like(self.belief.s)
         self.fill_sigma = np.zeros_like(self.belief.s)
-        self.total = self.missing_area() + self.belief.metal_area
+        self.total = self.missing_area(self.belief) + self.belief.metal_area
 
-    def missing_area(self) -> Array:
-        """Area that is still to be filled when all has shrunk, shape (n,), m²."""
-        state, cap = self.belief, self.order.cap_height
+    def begin_at(self, rows: Mask, bare: WeldState) -> None:
+        """Take what a first look shows of some of the stations, shape (n,), for the bare groove."""
+        bare = bare.part(rows)
+        self.belief = self.belief.replaced(rows, bare)
+        self._seen = self._seen.replaced(rows, bare)
+        self.total = np.where(rows, self.missing_area(self.belief), self.total)
+
+    def missing_area(self, state: WeldState) -> Array:
+        """Area that is still to be filled at stations when all has shrunk, shape (k,), m²."""
+        cap = self.order.cap_height
         open_area = remaining_area(state, WeldTarget.over(state, cap))
         metal = state.metal_area
         first = np.where(state.first_area > 0, state.first_area, open_area / sum(self.order.counts))
@@ -218,15 +271,20 @@ class WeldPlanner:
         by = np.maximum(final - state.closed, 0.0)
         return open_area - area_lost_by_closing(state, by, self.shrinkage.turn_per_metre, cap)
 
-    def next_bead(self) -> NextBead:
-        """Plan the next bead from the belief."""
+    def next_bead(self, part: GroovePart | None = None) -> NextBead:
+        """Plan the next bead from the belief, on a part of the groove or on all of it."""
+        part = part or GroovePart.all_of(self.belief.s)
+        state = replace(self.belief.part(part.rows), s=part.s)
         layer, before = self.order.layer_of(self.done)
         share = float(np.cumsum(self.order.counts)[layer] / sum(self.order.counts))
         left = self.order.counts[layer] - before
-        layer_area = self.missing_area() - (1 - share) * self.total
-        layer_area = np.maximum(layer_area, LEAST_LAYER_SHARE * self.total)
-        aims, shares = self._seek_aims(layer_area, share, left)
-        s = self.belief.s
+        total = self.total[part.rows]
+        layer_area = self.missing_area(state) - (1 - share) * total
+        layer_area = np.maximum(layer_area, LEAST_LAYER_SHARE * total)
+        aims, shares = self._seek_aims(
+            state, layer_area, share, left, key=(layer, int(part.rows[0]))
+        )
+        s = state.s
         coarse = s[::PLANNING_STRIDE]
         step = float(np.median(np.diff(s)))
         smooth = [
@@ -234,9 +292,37 @@ class WeldPlanner:
             for row in (aims[0], shares[0])
         ]
         area = gaussian_filter1d(layer_area * smooth[1], SMOOTHING_LENGTH / step, mode="nearest")
-        return self._set_bead(layer, smooth[0], area)
+        return self._set_bead(layer, state, smooth[0], area)
 
-    def _set_bead(self, layer: int, aim_u: Array, wanted: Array) -> NextBead:
+    def for_arc(self, bead: NextBead, begin: float, end: float) -> NextBead:
+        """The bead as one arc of it is led, which starts and ends at lengths along the groove.
+
+        Ignition adds metal, and in the crater some is missing: speed and feed make up for both as
+        far as the WPS lets them.
+        """
+        s = np.linspace(begin, end, 2 + round((end - begin) / ARC_STEP))
+        fine = bead.at(s)
+        shape = self.model.area_along_bead(s - begin, end - s)
+        limits = self._limits(bead.number)
+        speed = np.clip(fine.speed * shape, *self._speed_limits(fine.feed, limits))
+        feed = np.clip(fine.feed * speed / (fine.speed * shape), *limits.wire_feed)
+        return replace(fine, speed=np.clip(speed, *self._speed_limits(feed, limits)), feed=feed)
+
+    def area_of_arc(self, s: Array, ends: tuple[float, float], feed: Array, speed: Array) -> Array:
+        """Area that wire and speed give along an arc, with its ignition and its crater, m².
+
+        Parameters
+        ----------
+        s, feed, speed : ndarray, shape (k,)
+            Along it: metres, m/s and m/s.
+        ends : tuple of float
+            Where it begins and ends, metres.
+        """
+        way = np.maximum((s - ends[0], ends[1] - s), 0.0)
+        shape = self.model.area_along_bead(*way)
+        return np.asarray(shape * self.wps.deposition_rate(feed) / speed)
+
+    def _set_bead(self, layer: int, state: WeldState, aim_u: Array, wanted: Array) -> NextBead:
         """Speed and wire feed of a bead within the WPS."""
         wps, gain = self.wps, self.learner.gain.value
         feed = np.full_like(wanted, self.order.feeds[self.done])
@@ -247,14 +333,14 @@ class WeldPlanner:
             feed = np.clip(feed * wanted * speed / rate, *limits.wire_feed)
         speed = np.clip(speed, *self._speed_limits(feed, limits))
         area = gain * wps.deposition_rate(feed) / speed
-        (aim_w,) = interpolate_rows(aim_u, self.belief.u, self.belief.w)
+        (aim_w,) = interpolate_rows(aim_u, state.u, state.w)
         aim = np.column_stack((aim_u, aim_w))
         tip = aim - (self.learner.offset.value, 0.0)
         weave = np.full_like(wanted, self.order.weaves[self.done])
         return NextBead(
             self.done,
             layer,
-            self.belief.s,
+            state.s,
             aim,
             tip,
             wanted,
@@ -277,20 +363,21 @@ class WeldPlanner:
         high = np.minimum(limits.travel_speed[1], power / limits.heat_input[0])
         return low, np.maximum(high, low)
 
-    def _seek_aims(self, layer_area: Array, share: float, left: int) -> tuple[Array, Array]:
+    def _seek_aims(
+        self, state: WeldState, layer_area: Array, share: float, left: int, key: tuple[int, int]
+    ) -> tuple[Array, Array]:
         """Aims and parts of the layer's area for its remaining beads, each (left, k)."""
         rows = slice(None, None, PLANNING_STRIDE)
-        state, area = planning_columns(self.belief.part(rows)), layer_area[rows]
+        state, area = planning_columns(state.part(rows)), layer_area[rows]
         target, last = WeldTarget.over(state, self.order.cap_height), share >= 1
         top = layer_top(state, target, share, area)
         chord, widths = target.chord if last else None, self._widths(area, left)
         search = AimSearch(self.model, state, top, chord, area, widths)
-        layer, _ = self.order.layer_of(self.done)
-        known = self._aims.get(layer)
+        known = self._aims.get(key)
         if known is None:
             begin = even_aims(state, top, target, left, CAP_SPREAD if last else 1.0)
             aims, shares = search.descend(begin, FIRST_STEPS)
-            self._aims[layer] = aims
+            self._aims[key] = aims
             return aims, shares
         known = known[-left:]  # a weld that was resumed has no aims of the beads before
         aims, shares = search.descend(known, LATER_STEPS)
@@ -315,43 +402,54 @@ class WeldPlanner:
         return self.power_ratio * self.wps.heat_input(feed, speed)
 
     def after_bead(
-        self, bead: NextBead, laid: Mask | None = None, heat_input: Array | None = None
+        self,
+        bead: NextBead,
+        set_area: Array | None = None,
+        heat_input: Array | None = None,
+        part: GroovePart | None = None,
     ) -> None:
         """Carry the belief on by the bead model.
 
         Parameters
         ----------
         bead : NextBead
-            As it was laid.
-        laid : ndarray of bool, shape (n,), optional
-            Stations at which it was laid; everywhere if left out.
-        heat_input : ndarray, shape (n,), optional
-            As its arc showed it, J/m; as planned if left out.
+            As it was laid, at k stations.
+        set_area : ndarray, shape (k,), optional
+            Area that wire and speed of its arcs gave, m², zero where none burned; as planned if
+            left out.
+        heat_input : ndarray, shape (k,), optional
+            As its arcs showed it, J/m; as planned if left out.
+        part : GroovePart, optional
+            The stations of the bead; all if left out.
         """
-        before = self.belief
-        if heat_input is not None:
-            self.power_ratio *= float(np.median(heat_input / bead.heat_input))
+        before, part = self.belief, part or GroovePart.all_of(bead.s)
+        if set_area is None:
+            ends = float(bead.s[0]), float(bead.s[-1])
+            set_area = self.area_of_arc(bead.s, ends, bead.feed, bead.speed)
+        laid = set_area > 0
+        if heat_input is not None and laid.any():
+            self.power_ratio *= float(np.median((heat_input / bead.heat_input)[laid]))
             bead = replace(bead, heat_input=heat_input)
-        gain = self.learner.gain.value
-        ends = self.model.area_along_bead(bead.s - bead.s[0], bead.s[-1] - bead.s)
-        self.learner.add_set_area(bead.area * ends / gain * (1.0 if laid is None else laid))
-        rows = np.arange(len(bead.s)) if laid is None else np.flatnonzero(laid)
-        part = before.part(rows)
-        width = self.model.bead_width(bead.heat_input, bead.weave)
-        after = part.lay(
+        everywhere = np.zeros(len(before.s))
+        everywhere[part.rows] = set_area
+        self.learner.add_set_area(everywhere)
+        rows = part.rows[laid]
+        width = self.model.bead_width(bead.heat_input, bead.weave)[laid]
+        area = self.learner.gain.value * set_area[laid]
+        after = replace(before.part(rows), s=part.s[laid]).lay(
             self.model,
             self.shrinkage,
-            centre=bead.aim[rows, 0],
-            width=width[rows],
-            area=(bead.area * ends)[rows],
+            centre=bead.aim[laid, 0],
+            width=width,
+            area=area,
             factor=self.learner.shrinkage.value,
         )
-        self.belief = before.replaced(rows, after)
+        self.belief = before.replaced(rows, replace(after, s=before.s[rows]))
         step = self.belief.closed - before.closed
         self._closing_variance = self._closing_variance + (self.learner.shrinkage.sigma * step) ** 2
-        height_sigma = UNSEEN_AREA_SIGMA * bead.area / width
-        self.fill_sigma = np.hypot(self.fill_sigma, height_sigma)
-        self._laid = before, bead
+        self.fill_sigma = self.fill_sigma.copy()
+        self.fill_sigma[rows] = np.hypot(self.fill_sigma[rows], UNSEEN_AREA_SIGMA * area / width)
+        self._laid = before, bead, part
         self.done += 1
 
     def take_look(self, u: Array, w: Array, sigma: Array, read: Mask) -> None:
@@ -390,12 +488,14 @@ class WeldPlanner:
         bare = (before - base <= LEAST_COVER) & (np.abs(seen_w - base) < LARGEST_BARE_CHANGE)
         surface = np.where(read[:, None], np.where(bare, base, seen_w), before)
         seen = replace(predicted, u=at, base=base, w=surface, closed=predicted.closed + shift)
-        if self.done == 1:
-            seen = replace(seen, first_area=np.where(read, seen.metal_area, seen.first_area))
-        self.belief = self._seen = seen
+        if self._laid is not None:
+            # Of a first bead the look shows the area.
+            first = read & (self._laid[0].first_area == 0) & (seen.first_area > 0)
+            seen = replace(seen, first_area=np.where(first, seen.metal_area, seen.first_area))
+        self.belief, self._seen = seen, self._seen.replaced(read, seen.part(read))
         self.fill_sigma = np.where(read, row_sigma, self.fill_sigma)
-        if self.done:
-            metal = seen.metal_area
+        metal = seen.metal_area
+        if metal.any():
             width = float(np.median(np.diff(seen.toe_points[:, :, 0], axis=1)))
             mean_sigma = float(np.sqrt(np.mean(row_sigma[read] ** 2) / max(int(read.sum()), 1)))
             self.learner.learn_gain(metal, read, width * mean_sigma)
@@ -408,13 +508,19 @@ class WeldPlanner:
             self._laid = None
 
     def _learn_offset(
-        self, before: WeldState, bead: NextBead, predicted: WeldState, read: Mask
+        self,
+        before: WeldState,
+        bead: NextBead,
+        part: GroovePart,
+        predicted: WeldState,
+        read: Mask,
     ) -> None:
         """Learn the torch's offset from where the last bead's centre lies."""
-        rows = np.flatnonzero(read)[::PLANNING_STRIDE]
+        of_bead = np.flatnonzero(read[part.rows])[::PLANNING_STRIDE]
+        rows = part.rows[of_bead]
         old, new = before.part(rows), self.belief.part(rows)
-        aim = bead.aim[rows, 0]
-        width = self.model.bead_width(bead.heat_input, bead.weave)[rows]
+        aim = bead.aim[of_bead, 0]
+        width = self.model.bead_width(bead.heat_input, bead.weave)[of_bead]
 
         def centre(w: Array) -> Array:
             added = w - old.w
@@ -434,7 +540,7 @@ class WeldPlanner:
                     old.w,
                     centre=aim + step,
                     width=width,
-                    area=bead.area[rows],
+                    area=bead.area[of_bead],
                     tilt=old.tilt,
                 ).w
             )

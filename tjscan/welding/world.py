@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import exp, pi, sqrt
 from typing import Annotated
 
@@ -186,18 +186,16 @@ class WeldWorld:
         """
         if not ((trace.speed > 0).all() and (trace.feed > 0).all()):
             raise ConfigurationError("a torch that burns needs wire and has to move", key="weld")
-        before = self.state.metal_area
+        before, count = self.state.metal_area, len(self.state.s)
         low, high = float(trace.s.min()), float(trace.s.max())
-        turn = 0.0
+        turns = np.zeros(1)
         if self.period > 0:
-            turn = self.period * np.floor(low / self.period)
-        while turn <= high:
-            on = (self.state.s + turn >= low) & (self.state.s + turn <= high)
-            if on.any():
-                self._lay(on, trace, turn)
-            if self.period <= 0:
-                break
-            turn += self.period
+            turns = np.arange(np.floor(low / self.period), high // self.period + 1)
+        s = (self.state.s + self.period * turns[:, None]).ravel()
+        on = np.flatnonzero((s >= low) & (s <= high))
+        for first in range(0, len(on), count):  # no station twice at once
+            passed = on[first : first + count]
+            self._lay(passed % count, s[passed], trace)
         return self.state.metal_area - before
 
     def lay_shape(self, part: WeldState, centre: Array, width: Array, area: Array) -> LaidBeads:
@@ -205,10 +203,9 @@ class WeldWorld:
         of_bead = {"centre": centre, "width": width, "area": area}
         return lay_beads(self.model, part.u, part.w, **of_bead, tilt=part.tilt, s=part.s)
 
-    def _lay(self, rows: Rows, trace: TorchTrace, turn: float) -> None:
-        """Lay the bead at some stations, which the torch passed after a way of `turn`."""
-        part, faults = self.state.part(rows), self.faults
-        s = part.s + turn
+    def _lay(self, rows: Rows, s: Array, trace: TorchTrace) -> None:
+        """Lay the bead at some stations, which the torch passed at lengths s along its way."""
+        part, faults = replace(self.state.part(rows), s=s), self.faults
         torch = trace.at(s)
         tip = torch.tip + np.array((faults.offset, 0.0))
         slip = correlated_noise(s, SLIP_LENGTH, faults.slip, self.rng)
@@ -224,4 +221,5 @@ class WeldWorld:
         if self.held_length > 0:
             from_end = np.minimum(np.abs(s - trace.s[0]), np.abs(trace.s[-1] - s))
             factor *= -np.expm1(-((from_end / self.held_length) ** 2))
-        self.state = self.state.replaced(rows, part.with_beads(laid, self.shrinkage, factor))
+        after = part.with_beads(laid, self.shrinkage, factor)
+        self.state = self.state.replaced(rows, replace(after, s=self.state.s[rows]))

@@ -18,11 +18,13 @@ from tjscan.report.write import write_run_report
 from tjscan.runs.run import nobody_objects
 from tjscan.runs.weld.journal import (
     HEIGHT_EVENT,
+    STATION_EVENT,
     SURFACE_EVENT,
     WIDE_POOLS_EVENT,
     ArcMessage,
     LookMessage,
     PlannedBeadMessage,
+    name_of_bead,
 )
 from tjscan.runs.weld.results import SIMULATED_WELD_NOTE, WELD_LOG_FILE, read_recorded_weld
 from tjscan.runs.weld.run import WeldContext
@@ -38,15 +40,16 @@ class WeldPrinter:
                 speed = [60e3 * float(v) for v in (message.speed.min(), message.speed.max())]
                 area = 1e6 * float(message.area.mean())
                 print_message(
-                    f"bead {message.number + 1}, layer {message.layer + 1}: {area:.1f} mm² on "
-                    f"average, {speed[0]:.0f} to {speed[1]:.0f} mm/min"
+                    f"{message.name}, layer {message.layer + 1}: {area:.1f} mm² on average, "
+                    f"{speed[0]:.0f} to {speed[1]:.0f} mm/min"
                 )
             case ArcMessage() if not message.fault:
                 length, time = 1e3 * (message.end - message.begin), message.seconds
-                print_message(f"bead {message.number + 1}: {length:.0f} mm in {time:.0f} s")
+                name = name_of_bead(message.number, message.station)
+                print_message(f"{name}: {length:.0f} mm in {time:.0f} s")
             case LookMessage():
                 print_message(
-                    f"look after bead {message.beads}: {100 * message.read.mean():.0f} % read, "
+                    f"look {message.name}: {100 * message.read.mean():.0f} % read, "
                     f"torch {deviation_text(message)} mm off, deposition {message.gain:.3f}"
                 )
             case RunEvent() if message.name in (
@@ -55,6 +58,7 @@ class WeldPrinter:
                 "retract",
                 "dry run",
                 HEIGHT_EVENT,
+                STATION_EVENT,
                 SURFACE_EVENT,
                 WIDE_POOLS_EVENT,
             ):
@@ -97,13 +101,13 @@ def print_weld_log(directory: Path, *, json: bool) -> None:
         return
     found = read_recorded_weld(directory)
     rows = []
-    for bead in found.beads.values():
+    for passes, bead in enumerate(found.beads, start=1):
         arcs = found.arcs_of(bead)
-        looks = [look for look in found.looks if look.beads == bead.number + 1]
+        looks = [look for look in found.looks if look.beads == passes]
         off = deviation_text(looks[-1]) if looks else ""
         rows.append(
             (
-                str(bead.number + 1),
+                bead.name.removeprefix("bead "),
                 str(bead.layer + 1),
                 f"{1e3 * sum(arc.end - arc.begin for arc in arcs):.0f}",
                 f"{sum(arc.seconds for arc in arcs):.0f}",

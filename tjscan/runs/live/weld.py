@@ -13,6 +13,7 @@ from tjscan.runs.weld.journal import (
     ArcStretchMessage,
     LookMessage,
     PlannedBeadMessage,
+    name_of_bead,
     read_weld,
 )
 from tjscan.runs.weld.results import SIMULATED_WELD_NOTE
@@ -33,37 +34,42 @@ class WeldShow:
 
     def __init__(self, title: str) -> None:
         self.setting = SceneSetup(title, (CURRENT_MEASURE, SPEED_MEASURE), "along the groove / mm")
-        self._layers: dict[int, int] = {}
-        self._welded: dict[int, tuple[float, float]] = {}
+        self._layers: dict[str, int] = {}
+        self._welded: dict[str, tuple[float, float]] = {}
 
     def step_of_entry(self, entry: object) -> Step:
         """What an entry changes: nothing if it is of an unknown type."""
         match entry:
             case PlannedBeadMessage():
-                self._layers[entry.number] = entry.layer
-                return Step(f"bead {entry.number + 1}", facts={"weld": SIMULATED_WELD_NOTE})
+                self._layers[entry.name] = entry.layer
+                return Step(entry.name, facts={"weld": SIMULATED_WELD_NOTE})
             case ArcStretchMessage():
                 pairs = ((CURRENT_MEASURE, entry.current, 1.0), (SPEED_MEASURE, entry.speed, 60e3))
                 values = {m.name: k * one.value for m, one, k in pairs if one.value is not None}
                 return Step(samples=(Sample(1e3 * entry.begin, values),))
             case ArcMessage():
-                length, time = self._welded.get(entry.number, (0.0, 0.0))
-                done = length + entry.end - entry.begin, time + entry.seconds
-                self._welded[entry.number] = done
-                return Step(f"bead {entry.number + 1} welded", table=self._table())
+                name = name_of_bead(entry.number, entry.station)
+                length, time = self._welded.get(name, (0.0, 0.0))
+                self._welded[name] = length + entry.end - entry.begin, time + entry.seconds
+                return Step(f"{name} welded", table=self._table())
             case LookMessage():
                 middle = entry.seen.w[len(entry.sigma) // 2]
-                facts = {"look": f"after bead {entry.beads}, {100 * entry.read.mean():.0f} % read"}
+                facts = {"look": f"{entry.name}, {100 * entry.read.mean():.0f} % read"}
                 curve = PlaneCurve(1e3 * entry.u, 1e3 * middle)
-                return Step(f"look after bead {entry.beads}", facts=facts, profile=curve)
+                return Step(f"look {entry.name}", facts=facts, profile=curve)
             case RunEvent():
                 return Step(events=((entry.name, entry.detail),))
         return Step()
 
     def _table(self) -> list[tuple[str, ...]]:
         rows = [
-            (str(k + 1), str(self._layers.get(k, 0) + 1), f"{1e3 * length:.0f}", f"{time:.0f}")
-            for k, (length, time) in self._welded.items()
+            (
+                name.removeprefix("bead "),
+                str(self._layers.get(name, 0) + 1),
+                f"{1e3 * length:.0f}",
+                f"{time:.0f}",
+            )
+            for name, (length, time) in self._welded.items()
         ]
         return [BEAD_TABLE_HEAD, *rows]
 

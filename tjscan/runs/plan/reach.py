@@ -18,7 +18,6 @@ from tjscan.core.frames import (
     Array,
     inverse_pose,
     pose,
-    pose_from_euler_zyx,
     rot_z,
     transform_points,
 )
@@ -146,8 +145,7 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
     found = []
     for one in report.stations:
         folder = directory / one.source
-        T_j_b = pose_from_euler_zyx(1e-3 * np.array(one.position_mm), np.radians(one.euler_zyx_deg))
-        found.append(_make_station(one.name, _read_job(folder), folder, inverse_pose(T_j_b)))
+        found.append(_make_station(one.name, _read_job(folder), folder, inverse_pose(one.T_j_b)))
     return tuple(sorted(found, key=lambda s: order.index(s.name) if s.name in order else 0))
 
 

@@ -27,6 +27,7 @@ from tjscan.runs.weld.journal import (
     HEIGHT_EVENT,
     ArcMessage,
     ArcStretchMessage,
+    name_of_bead,
 )
 from tjscan.welding.replan import NextBead
 
@@ -147,6 +148,8 @@ class ArcWelder:
         How the torch's height follows the current.
     raise_torch : callable, optional
         Leads the torch to a height over that of the plan, at a length along the groove; metres.
+    station : str, optional
+        Where the arm stands.
     """
 
     source: PowerSource
@@ -158,6 +161,7 @@ class ArcWelder:
     simulated: bool
     height: ArcHeightSettings | None = None
     raise_torch: Callable[[float, float], None] = lambda s, raised: None
+    station: str = ""
 
     def weld(
         self, bead: NextBead, begin: float, end: float
@@ -170,7 +174,7 @@ class ArcWelder:
         begin, end : float
             Metres along the groove.
         """
-        where = f"bead {bead.number + 1} from {1e3 * begin:.1f} mm on"
+        where = f"{name_of_bead(bead.number, self.station)}, from {1e3 * begin:.1f} mm on"
         self.journal.record(RunEvent(ARC_BEGUN_EVENT, where))
         arc = ArcSequence(self.source, self.limits, event_recorder(self.journal))
         seen, failure = _Samples(), None
@@ -215,9 +219,7 @@ class ArcWelder:
                 seen.speed.append(speed)
                 seen.feed.append(setting.feed)
                 seen.sample.append(arc.sample)
-                seen.raised.append(
-                    self._follow_current(height, bead.number, s, setting, arc.sample)
-                )
+                seen.raised.append(self._follow_current(height, bead, s, setting, arc.sample))
                 feed = float(np.interp(s, bead.s, bead.feed))
                 if abs(feed - setting.feed) >= FEED_STEP:
                     setting = PowerSetting(feed)
@@ -227,7 +229,7 @@ class ArcWelder:
     def _follow_current(
         self,
         height: ArcHeight | None,
-        number: int,
+        bead: NextBead,
         s: float,
         setting: PowerSetting,
         sample: PowerSample,
@@ -240,7 +242,7 @@ class ArcWelder:
             if height.at_bound and not before:
                 asked = f"the current asks for more than {1e3 * raised:+.1f} mm over the plan"
                 why = "the look has the surface elsewhere, or wire slips (3 % are 1.1 mm)"
-                where = f"bead {number + 1} at {1e3 * s:.1f} mm"
+                where = f"{name_of_bead(bead.number, self.station)} at {1e3 * s:.1f} mm"
                 self.journal.record(RunEvent(HEIGHT_EVENT, f"{where}: {asked}: {why}"))
         self.raise_torch(s, raised)
         return raised
@@ -292,6 +294,7 @@ class ArcWelder:
             speed,
             fed,
             heat,
+            self.station,
         )
 
     def _stretches(self, arc: ArcMessage, seen: _Samples) -> Iterator[ArcStretchMessage]:
@@ -326,6 +329,7 @@ class ArcWelder:
                 gas=mean_of_numbers([one.gas for one in samples]),
                 speed=SourcedNumber(float(arc.speed[on].mean()), moved),
                 heat_input=SourcedNumber(float(arc.heat_input[on].mean()), source),
+                station=self.station,
                 raised=ABSENT_NUMBER
                 if self.height is None
                 else SourcedNumber(float(np.mean([seen.raised[i] for i in on])), NumberSource.SET),

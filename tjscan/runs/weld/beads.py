@@ -1,15 +1,22 @@
-"""Which beads a weld has: as many as its position asks for, none wider than its pool can be."""
+"""Which beads a weld has, and in which passes it is laid.
+
+No bead is wider than its pool can be. Where a weld is made from several stations, these lay a layer
+one after the other, and the border between them lies elsewhere in each bead.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import plan_weld
+from tjscan.planning.stops import UNREACHED_STATION, StationStretch, StopPlacement
 from tjscan.planning.template import SectionTemplate
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.welding.bead import BeadModel
@@ -20,6 +27,91 @@ WEAVE_WIDTHS: Final = (3e-3, 4e-3)
 
 LEAST_AREA_WINDOW: Final = 1.3
 """Largest over least area of a bead that is always left: sections of a groove differ."""
+
+TIE_IN: Final = 1e-3
+"""By which a bead goes on over where its neighbour of another station begins, metres."""
+
+BORDER_STEP: Final = 20e-3
+"""Between the borders of two stations in one bead and the next, metres: ignition and crater of one
+lie beside whole metal of the other."""
+
+STRETCH_MARGIN: Final = 20e-3
+"""At the ends of what a station looks at no border is placed, metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class WeldPass:
+    """A bead, or what one station welds of it.
+
+    Parameters
+    ----------
+    bead : int
+        From 0.
+    station : str
+        Where the arm stands; empty if there is only one place.
+    begin, end : float
+        Metres along the groove; beyond its length if it closes and the pass crosses its start.
+    """
+
+    bead: int
+    station: str
+    begin: float
+    end: float
+
+
+def passes_of_weld(
+    order: BeadOrder,
+    edges: GrooveEdges,
+    wps: WeldingProcedure,
+    stretches: Sequence[StationStretch],
+) -> tuple[WeldPass, ...]:
+    """Passes in their order: each station lays all beads of a layer, every second layer in reverse.
+
+    Parameters
+    ----------
+    order : BeadOrder
+    edges : GrooveEdges
+    wps : WeldingProcedure
+    stretches : sequence of StationStretch
+        What each station looks at.
+
+    Raises
+    ------
+    ConfigurationError
+        If a part of the groove is in no station's reach.
+    """
+    if len(stretches) == 1:
+        beads = range(sum(order.counts))
+        return tuple(WeldPass(k, stretches[0].station, 0.0, edges.length) for k in beads)
+    inner = [
+        StationStretch(
+            one.station,
+            one.begin + STRETCH_MARGIN * (edges.closed or one.begin > 0),
+            one.end - STRETCH_MARGIN * (edges.closed or one.end < edges.length),
+        )
+        for one in stretches
+    ]
+    sequence = replace(wps.sequence, overlap=TIE_IN, ends="square")
+    stops = StopPlacement(edges.length, edges.closed, sequence, np.empty(0), tuple(inner))
+    layers = stops.spans([(0.0, edges.length)], 0, len(order.counts))
+    found, first = list[WeldPass](), 0
+    for layer, (count, spans) in enumerate(zip(order.counts, layers, strict=True)):
+        for span in spans[:: -1 if layer % 2 else 1]:
+            if span.station == UNREACHED_STATION:
+                raise ConfigurationError(
+                    f"no station scanned the groove from {1e3 * span.begin:.0f} to "
+                    f"{1e3 * span.end:.0f} mm along it, or their scans overlap there by less than "
+                    f"{2e3 * STRETCH_MARGIN:.0f} mm: make scan.length_mm longer",
+                    key="scan.length_mm",
+                )
+            for k in range(count):
+                by = BORDER_STEP * (k % 2 - 0.5)
+                begin, end = (
+                    at if stops.is_at_open_end(at) else at + by for at in (span.begin, span.end)
+                )
+                found.append(WeldPass(first + k, span.station, begin, end))
+        first += count
+    return tuple(found)
 
 
 def order_beads(

@@ -52,18 +52,19 @@ def inspect_run(directory: Path, limits: Path, thickness: float) -> tuple[Inspec
         measures = measure_weld(planner.belief, u, seen.w, seen.sigma, seen.read, butt=True)
         return inspect_weld(measures, table, thickness)
     context = WeldContext(read_weld_job(directory / JOB_FILE), directory / JOB_FILE)
-    weld, last = Weld.of_scan(context, directory), None
+    weld, last = Weld.of_scan(context, directory), dict[str, LookMessage]()
     for message in read_weld(directory):
         weld.replay(message)
         if isinstance(message, LookMessage):
-            last = message
-    if last is None or weld.planner is None or last.beads < weld.count:
+            last[message.station] = message
+    done = max((look.beads for look in last.values()), default=0)
+    if weld.planner is None or done < weld.count:
         raise ConfigurationError(
             "its weld is not finished, or was not looked at after the last bead: weld on with "
             "'tjscan weld RUN --resume --arc'",
             file=directory,
         )
-    seen = last.seen
+    seen = weld.over_all_sections([(look.seen, look.station) for look in last.values()])
     u = np.tile(seen.u, (len(seen.w), 1))
     measures = measure_weld(weld.planner.belief, u, seen.w, seen.sigma, seen.read, butt=False)
     return inspect_weld(measures, table, thickness)

@@ -35,10 +35,22 @@ class PlannedBeadMessage(NextBead):
         1 where an arc may burn, 0 where the groove was not read.
     dry : bool, optional
         Whether it was planned alone, by a dry run.
+    station : str, optional
+        Which lays it, or this part of it.
     """
 
     weldable: Array
     dry: bool = False
+    station: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return name_of_bead(self.number, self.station)
+
+    def is_of(self, message: ArcMessage | ArcStretchMessage) -> bool:
+        """Whether an arc, or a stretch of one, laid it."""
+        return (self.number, self.station) == (message.number, message.station)
 
 
 @array_dataclass
@@ -59,6 +71,8 @@ class ArcMessage:
         Whether it melted no real metal.
     s, speed, feed, heat_input : ndarray, shape (k,)
         Along the arc: metres, m/s, m/s and J/m.
+    station : str, optional
+        Of the arm.
     """
 
     number: int
@@ -71,6 +85,7 @@ class ArcMessage:
     speed: Array
     feed: Array
     heat_input: Array
+    station: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +103,8 @@ class ArcStretchMessage:
     raised : SourcedNumber
         By how much the torch was led over the plan to follow the current, metres; absent if it
         was not to follow it.
+    station : str, optional
+        Of the arm.
     """
 
     number: int
@@ -102,6 +119,7 @@ class ArcStretchMessage:
     speed: SourcedNumber
     heat_input: SourcedNumber
     raised: SourcedNumber = ABSENT_NUMBER
+    station: str = ""
 
 
 @array_dataclass
@@ -111,7 +129,7 @@ class LookMessage:
     Parameters
     ----------
     beads : int
-        Laid before it.
+        Passes laid before it: a bead is one from each station.
     time : float
         On the arm's clock, seconds.
     u : ndarray, shape (k,)
@@ -128,6 +146,8 @@ class LookMessage:
         deviation, metres; None if it does not.
     gain, offset, shrinkage : float
         As learnt; see `WeldLearner`.
+    station : str, optional
+        From which was looked; it shows the sections on that station's stretch.
     """
 
     beads: int
@@ -141,6 +161,14 @@ class LookMessage:
     gain: float
     offset: float
     shrinkage: float
+    station: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        after = f"after {'pass' if self.station else 'bead'} {self.beads}"
+        where = f", from {self.station}" if self.station else ""
+        return (after if self.beads else "before welding") + where
 
     @property
     def seen(self) -> SurfaceLook:
@@ -163,6 +191,12 @@ WELD_TOPICS: Final[tuple[Topic[Any], ...]] = (
 )
 """Everything that a weld records."""
 
+
+def name_of_bead(number: int, station: str) -> str:
+    """What a bead, or a station's part of it, is called."""
+    return f"bead {number + 1}" + (f" from {station}" if station else "")
+
+
 TOPIC_OF_MESSAGE: Final[dict[type, Topic[Any]]] = {
     PlannedBeadMessage: BEAD_TOPIC,
     ArcMessage: ARC_TOPIC,
@@ -184,6 +218,9 @@ WIDE_POOLS_EVENT: Final = "wide pools"
 
 SURFACE_EVENT: Final = "finished surface"
 """The event of a weld whose last look shows how far it is off its target."""
+
+STATION_EVENT: Final = "station"
+"""The event that the arm stands at another station."""
 
 WeldMessage = PlannedBeadMessage | ArcMessage | ArcStretchMessage | LookMessage | RunEvent
 

@@ -34,6 +34,9 @@ FLANK_STEP, BEYOND_ENDS = 2e-3, 20e-3
 """Between places at which the bare groove's faces are known, and how far beyond its ends: a laser's
 plane is turned against the sections. Metres."""
 
+NEAR_FLANKS: Final = 20
+"""Of these places, to either side of where a laser's plane cuts the groove, are its faces taken."""
+
 
 def interpolate_poses(poses: Sequence[Array], step: float) -> Iterator[Array]:
     """Poses along a way from pose to pose, shape (4, 4) each, with the stated ones among them.
@@ -107,28 +110,45 @@ class FlanksAlongGroove:
 
     @classmethod
     def of_scan(
-        cls, edges: GrooveEdges, sections: Sequence[MeasuredSection], T_r_s: Sequence[Array]
+        cls, edges: GrooveEdges, sections: Sequence[MeasuredSection], begin: float, end: float
     ) -> FlanksAlongGroove:
-        """Those of sections, and of the poses of the sensor that saw them."""
-        length = edges.length + 2 * BEYOND_ENDS
-        s = np.linspace(0.0, length, 1 + round(length / FLANK_STEP)) - BEYOND_ENDS
+        """Those of a scan's sections, from one length along the groove to another."""
+        begin, end = begin - BEYOND_ENDS, end + BEYOND_ENDS
+        s = np.linspace(begin, end, 1 + round((end - begin) / FLANK_STEP))
         bends = []
-        for one, T in zip(sections, T_r_s, strict=True):
-            in_r = np.vstack((one.points, one.T_r_g[:3, 3]))
-            points = transform_points(inverse_pose(T), in_r)[:, [0, 2]]
-            g = points[5]
-            wall, leg = unit_vector(g - points[1]), unit_vector(g - points[3])
-            bends.append(KnownFlanks.of_points(points[:5], wall, leg).bends)
-        return cls(s, edges.corners(s), edges.sections, np.array(bends))
+        for one in sections:
+            # In its plane, as a sensor above it would have it: the leg on the left, z into it.
+            p2, p3, p4, g = points = np.vstack((one.points[1:4], one.T_r_g[:3, 3]))
+            x_g = one.T_r_g[:3, 0]
+            z = (p3 + p4) - (p2 + g)
+            z = unit_vector(z - (z @ x_g) * x_g)
+            x = unit_vector(p2 - p4 - ((p2 - p4) @ z) * z - ((p2 - p4) @ x_g) * x_g)
+            flat = np.vstack((one.points, points[3])) @ np.column_stack((x, z))
+            wall, leg = unit_vector(flat[5] - flat[1]), unit_vector(flat[5] - flat[3])
+            bends.append(KnownFlanks.of_points(flat[:5], wall, leg).bends)
+        at, bent = edges.sections, np.array(bends)
+        if edges.closed:  # they go on, turn after turn
+            turns = edges.length * np.arange(-1, 3)
+            at, bent = (turns[:, None] + at).ravel(), np.tile(bent, (len(turns), 1))
+        return cls(s, edges.corners(s), at, bent)
 
     def known_in(self, T_r_s: Array) -> KnownFlanks:
         """Where the plane of a laser at a pose in r cuts them, in its frame s."""
-        x, y, z = np.moveaxis(transform_points(inverse_pose(T_r_s), self.corners), 2, 0)
+        corners = transform_points(inverse_pose(T_r_s), self.corners)
+        # Of a groove that comes back, the plane cuts the near side alone.
+        y = corners[:, 0, 1]
+        cuts = np.flatnonzero(y[:-1] * y[1:] <= 0)
+        if len(cuts):
+            k = cuts[np.linalg.norm(corners[cuts, 0], axis=1).argmin()]
+        else:
+            k = np.abs(y).argmin()
+        near = slice(max(k - NEAR_FLANKS, 0), k + NEAR_FLANKS)
+        x, y, z = np.moveaxis(corners[near], 2, 0)
         y = y * np.sign(y[-1] - y[0])
         p3, p4, g, p2 = (
             np.array([np.interp(0.0, y[:, k], values[:, k]) for values in (x, z)]) for k in range(4)
         )
-        at = float(np.interp(0.0, y.mean(axis=1), self.s))
+        at = float(np.interp(0.0, y.mean(axis=1), self.s[near]))
         bends = np.array([np.interp(at, self.sections, one) for one in self.bends.T])
         return KnownFlanks(np.array((p2, p3, p4)), unit_vector(g - p2), unit_vector(g - p4), bends)
 

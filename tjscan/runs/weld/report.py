@@ -40,15 +40,16 @@ def weld_chapter(directory: Path) -> ReportChapter:
 
 
 def _weld_facts(found: RecordedWeld) -> Iterator[tuple[str, str]]:
-    yield "beads", f"{len(found.beads)} planned, {len({arc.number for arc in found.arcs})} begun"
+    begun = sum(1 for bead in found.beads if found.arcs_of(bead))
+    yield "passes", f"{len(found.beads)} planned, {begun} begun"
     yield "arc time", f"{sum(arc.seconds for arc in found.arcs) / 60:.1f} min, as simulated"
     yield "looks", f"{len(found.looks)}"
-    for bead in found.beads.values():
+    for bead in found.beads:
         arcs = found.arcs_of(bead)
         length = sum(arc.end - arc.begin for arc in arcs)
         speed = [60e3 * float(v) for v in (bead.speed.min(), bead.speed.max())]
         yield (
-            f"bead {bead.number + 1}, layer {bead.layer + 1}",
+            f"{bead.name}, layer {bead.layer + 1}",
             f"{1e6 * bead.area.mean():.1f} mm² planned on average (believed), {speed[0]:.0f} to "
             f"{speed[1]:.0f} mm/min (set); {1e3 * length:.0f} mm welded by "
             f"{len(arcs)} arc{'s' * (len(arcs) != 1)}",
@@ -65,15 +66,15 @@ def _weld_facts(found: RecordedWeld) -> Iterator[tuple[str, str]]:
 def _weld_findings(found: RecordedWeld) -> Iterator[str]:
     yield f"{SIMULATED_WELD_NOTE}."
     yield NOT_SEEN_NOTE
-    for bead in found.beads.values():
+    for bead in found.beads:
         if at_limit := float(bead.is_at_limit.mean()):
             yield (
-                f"Bead {bead.number + 1} is at a limit of the WPS on {100 * at_limit:.0f} % of its "
-                "length: what is missing there is left to later beads."
+                f"{100 * at_limit:.0f} % of {bead.name} is at a limit of the WPS: what is missing "
+                "there is left to later beads."
             )
         if not bead.weldable.all():
             share = 100 * (1 - float(bead.weldable.mean()))
-            yield f"{share:.0f} % of bead {bead.number + 1} was not read, and no arc burned there."
+            yield f"{share:.0f} % of {bead.name} was not read, and no arc burned there."
     for event in found.events:
         if event.name == WELD_STOP_EVENT:
             yield f"It was stopped: {event.detail}"
@@ -89,24 +90,22 @@ def _weld_charts(found: RecordedWeld) -> Iterator[ReportChart]:
     middle = len(found.looks[0].read) // 2
     title = "section in the middle of the weld, look by look"
     for look in found.looks:
-        line = f"after bead {look.beads}" if look.beads else "before welding"
         x, y = 1e3 * look.u, 1e3 * look.seen.w[middle]
-        yield ReportChart(title, "across, brace to leg / mm", "height / mm", x, y, line=line)
+        yield ReportChart(title, "across, brace to leg / mm", "height / mm", x, y, line=look.name)
     along = "along the groove / mm"
-    for bead in found.beads.values():
-        line, s = f"bead {bead.number + 1}", 1e3 * bead.s
-        speed = 60e3 * bead.speed
-        yield ReportChart("travel speed set", along, "speed / (mm/min)", s, speed, line=line)
+    for bead in found.beads:
+        s, speed = 1e3 * bead.s, 60e3 * bead.speed
+        yield ReportChart("travel speed set", along, "speed / (mm/min)", s, speed, line=bead.name)
     for quantity, label, factor in (
         ("current", "current / A", 1.0),
         ("heat_input", "heat input / (kJ/mm)", 1e-6),
     ):
-        for number in found.beads:
-            rows = [row for row in found.stretches if row.number == number]
+        for bead in found.beads:
+            rows = [row for row in found.stretches if bead.is_of(row)]
             known = [(row.begin, getattr(row, quantity)) for row in rows]
             known = [(begin, one) for begin, one in known if one.value is not None]
             if known:
                 x = 1e3 * np.array([begin for begin, _ in known])
                 y = factor * np.array([one.value for _, one in known])
                 title = f"{quantity.replace('_', ' ')}, {known[0][1].source}"
-                yield ReportChart(title, along, label, x, y, line=f"bead {number + 1}")
+                yield ReportChart(title, along, label, x, y, line=bead.name)

@@ -35,7 +35,6 @@ from tjscan.runs.weld.journal import (
     PlannedBeadMessage,
     read_weld,
 )
-from tjscan.welding.replan import NextBead
 
 WELD_LOG_FILE: Final = "weld-log.json"
 
@@ -69,13 +68,13 @@ class RecordedWeld:
 
     Parameters
     ----------
-    beads : dict of int to PlannedBeadMessage
-        As planned last, by number; by a dry run where nothing else planned them.
+    beads : tuple of PlannedBeadMessage
+        As planned last, one a bead and station; by a dry run where nothing else planned them.
     arcs, stretches, looks, events : tuple
         In their order.
     """
 
-    beads: dict[int, PlannedBeadMessage]
+    beads: tuple[PlannedBeadMessage, ...]
     arcs: tuple[ArcMessage, ...]
     stretches: tuple[ArcStretchMessage, ...]
     looks: tuple[LookMessage, ...]
@@ -87,9 +86,9 @@ class RecordedWeld:
         simulated = all(arc.simulated for arc in self.arcs)
         return NumberSource.SIMULATED if simulated else NumberSource.MEASURED
 
-    def arcs_of(self, bead: NextBead) -> list[ArcMessage]:
+    def arcs_of(self, bead: PlannedBeadMessage) -> list[ArcMessage]:
         """Those of one bead."""
-        return [arc for arc in self.arcs if arc.number == bead.number]
+        return [arc for arc in self.arcs if bead.is_of(arc)]
 
 
 def read_recorded_weld(directory: Path) -> RecordedWeld:
@@ -98,7 +97,7 @@ def read_recorded_weld(directory: Path) -> RecordedWeld:
     for message in read_weld(directory):
         kinds.setdefault(type(message), []).append(message)
     planned = sorted(kinds.get(PlannedBeadMessage, []), key=lambda one: (one.number, not one.dry))
-    beads = {bead.number: bead for bead in planned}
+    beads = tuple({(bead.number, bead.station): bead for bead in planned}.values())
     others = (ArcMessage, ArcStretchMessage, LookMessage, RunEvent)
     return RecordedWeld(beads, *(tuple(kinds.get(kind, ())) for kind in others))
 
@@ -139,7 +138,7 @@ def weld_log(directory: Path, found: RecordedWeld) -> dict[str, Any]:
         },
         "preheat_temperature": number_entry(ABSENT_NUMBER, CELSIUS_UNIT),
         "interpass_temperature": number_entry(ABSENT_NUMBER, CELSIUS_UNIT),
-        "beads": [_bead_entry(found, bead) for bead in found.beads.values()],
+        "beads": [_bead_entry(found, bead) for bead in found.beads],
         "looks": [_look_entry(look, found.source) for look in found.looks],
         "stops": [event.detail for event in found.events if event.name == "stop"],
         "height_at_bound": [event.detail for event in found.events if event.name == HEIGHT_EVENT],
@@ -151,6 +150,7 @@ def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]
     return {
         "bead": str(bead.number + 1),
         "layer": str(bead.layer + 1),
+        "station": bead.station,
         "planned": {
             "area_least": value_entry(bead.area.min(), planned, MM2),
             "area_most": value_entry(bead.area.max(), planned, MM2),
@@ -159,7 +159,7 @@ def _bead_entry(found: RecordedWeld, bead: PlannedBeadMessage) -> dict[str, Any]
             "at_a_limit_of_the_wps": value_entry(bead.is_at_limit.mean(), planned, NO_UNIT),
         },
         "arcs": [_arc_entry(arc) for arc in found.arcs_of(bead)],
-        "stretches": [_stretch_entry(row) for row in found.stretches if row.number == bead.number],
+        "stretches": [_stretch_entry(row) for row in found.stretches if bead.is_of(row)],
     }
 
 
@@ -185,7 +185,8 @@ def _stretch_entry(row: ArcStretchMessage) -> dict[str, Any]:
 def _look_entry(look: LookMessage, measured: NumberSource) -> dict[str, Any]:
     believed = NumberSource.BELIEVED
     return {
-        "after_bead": str(look.beads),
+        "after_passes": str(look.beads),
+        "station": look.station,
         "read": value_entry(look.read.mean(), measured, NO_UNIT),
         "height_sigma": value_entry(median(look.sigma), believed, MM),
         "torch_deviation": value_entry(look.deviation, measured, MM),

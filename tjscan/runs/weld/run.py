@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
@@ -12,14 +13,14 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.calibration.wizard.operator import Question
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
-from tjscan.core.errors import ConfigurationError, LookRefused, WeldStopped
-from tjscan.core.frames import Array, Mask, inverse_pose, stretches_of_true_values
-from tjscan.job.cell import joint_surface, make_cell
+from tjscan.core.errors import ConfigurationError, LookRefused, RecordingError, WeldStopped
+from tjscan.core.frames import Array, Mask, stretches_of_true_values, transform_points
+from tjscan.job.cell import joint_surface
 from tjscan.job.files import read_scan_job
 from tjscan.job.weld import WeldJob
-from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
 from tjscan.planning.edges import fit_groove_edges
 from tjscan.planning.path import GrooveStations, cut_groove_stations
@@ -30,7 +31,6 @@ from tjscan.power.source import PowerSource
 from tjscan.recording.journal import Journal, RunEvent
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, JOINT_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_finished_sections
-from tjscan.robot.arm import ArmState
 from tjscan.runs.run import (
     WPS_FILE,
     JobContext,
@@ -38,12 +38,19 @@ from tjscan.runs.run import (
     nobody_objects,
     record_vehicle_run,
 )
-from tjscan.runs.scan.run import ScanContext, result_frame_of_job, resume_scan, run_scan
-from tjscan.runs.weld import look as looking
+from tjscan.runs.scan.run import ScanContext, resume_scan, run_scan
+from tjscan.runs.stations.run import (
+    StationScan,
+    Watch,
+    resume_stations,
+    run_stations,
+    stitch_station_runs,
+)
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, WallClock, left_to_weld
-from tjscan.runs.weld.beads import order_beads
+from tjscan.runs.weld.beads import WeldPass, order_beads, passes_of_weld
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
+    STATION_EVENT,
     SURFACE_EVENT,
     WELD_RECORDING,
     WELD_STOP_EVENT,
@@ -55,12 +62,11 @@ from tjscan.runs.weld.journal import (
     read_weld,
 )
 from tjscan.runs.weld.results import write_weld_results
+from tjscan.runs.weld.stations import ArmStation, arm_stations
 from tjscan.scanning.journal import grid_triangles
-from tjscan.scanning.recording import read_recorded_scan
-from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
 from tjscan.welding.look import COLUMN_STEP, SurfaceLook
-from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
+from tjscan.welding.replan import BeadOrder, GroovePart, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
 from tjscan.welding.target import WeldTarget
 from tjscan.welding.world import TorchTrace, WeldWorld
@@ -161,7 +167,7 @@ def run_weld(
             WPS_FILE: context.wps_file,
         }
         make_run_directory(directory, job, context.job_file, copies)
-    run_scan(scan, directory / SCAN_DIRECTORY)
+    _scan(context, directory / SCAN_DIRECTORY)
     _weld_and_record(context, directory, arc=arc, looks=looks)
 
 
@@ -180,11 +186,46 @@ def resume_weld(
     directory = context.job_file.parent
     scanned = directory / SCAN_DIRECTORY
     if not (scanned / JOB_FILE).is_file():
-        run_scan(context.scan, scanned)
+        _scan(context, scanned)
     elif not (scanned / SUMMARY_FILE).is_file():
         file = scanned / JOB_FILE
-        resume_scan(replace(context.scan, job=read_scan_job(file), job_file=file))
+        scan = replace(context.scan, job=read_scan_job(file), job_file=file)
+        if len(scan.job.station) > 1:
+            _stitch(scanned, resume_stations(scan, {}, _Answers(context.ask), _reporter(scan)))
+        else:
+            resume_scan(scan)
     _weld_and_record(context, directory, arc=arc, looks=looks)
+
+
+@dataclass(frozen=True, slots=True)
+class _Answers:
+    """The person who moves the arm from station to station."""
+
+    ask: Callable[[str], bool]
+
+    def confirm(self, question: Question) -> bool:
+        return self.ask(question.text)
+
+
+def _reporter(scan: ScanContext) -> Watch:
+    return lambda name, plan: nullcontext(scan.journal)
+
+
+def _scan(context: WeldContext, directory: Path) -> None:
+    """Scan from one place, or from all stations, whose scans are stitched."""
+    scan = context.scan
+    if len(scan.job.station) > 1:
+        done = run_stations(scan, directory, _Answers(context.ask), _reporter(scan))
+        _stitch(directory, done)
+    else:
+        run_scan(scan, directory)
+
+
+def _stitch(directory: Path, stations: Sequence[StationScan]) -> None:
+    for one in stations:
+        if not one.is_complete:
+            raise WeldStopped(ArcFault.STOPPED, f"station {one.name} is not scanned to its end")
+    stitch_station_runs(directory)
 
 
 def _weld_and_record(
@@ -224,35 +265,43 @@ class Weld:
     context : WeldContext
     stations : GrooveStations
         Sections of the first scan, in the frame of its results.
-    flanks : FlanksAlongGroove
-        Faces of the bare groove.
     toes_u : ndarray, shape (n, 2)
         Where the finished weld shall meet brace and leg, metres.
     order : BeadOrder
+    passes : tuple of WeldPass
+        In which the beads are laid.
     world : WeldWorld
         The truth.
-    views : list of ProfileView
-        From which the scan looked, one a section.
+    arms : dict of str to ArmStation
+        The arm at each of its stations.
+    done : int
+        Passes that were laid.
+    weldable : ndarray of bool, shape (k,)
+        Stations of the pass under way at which an arc may burn.
     """
 
     context: WeldContext
     stations: GrooveStations
-    flanks: looking.FlanksAlongGroove
     toes_u: Array
     order: BeadOrder
+    passes: tuple[WeldPass, ...]
     world: WeldWorld
-    views: list[ProfileView]
+    arms: dict[str, ArmStation]
     planner: WeldPlanner | None = None
-    weldable: Mask = field(init=False)
+    done: int = 0
+    weldable: Mask = field(default_factory=lambda: np.empty(0, dtype=bool))
+    _readable: dict[str, Mask] = field(default_factory=dict)
+    _begun: Mask = field(init=False)
+    _fresh: str | None = None
+    _at: str | None = None
     _bead: NextBead | None = None
     _arcs: list[ArcMessage] = field(default_factory=list)
     _open_arc: str = ""
     _laid: bool = False
-    _arm: ArmState | None = None
     _raised: float = 0.0
 
     def __post_init__(self) -> None:
-        self.weldable = np.zeros(len(self.stations.s), dtype=bool)
+        self._begun = np.zeros(len(self.stations.s), dtype=bool)
 
     @classmethod
     def of_scan(cls, context: WeldContext, directory: Path) -> Weld:
@@ -267,21 +316,24 @@ class Weld:
         wps = context.wps
         _, sections = read_finished_sections(scanned)
         edges = fit_groove_edges(sections, wps.sequence.longest_step)
-        if edges.closed:
+        if edges.closed and len(context.job.station) < 2:
             raise ConfigurationError(
-                "the groove was scanned all round; a weld of a stretch of it is made from one "
-                "place of the arm: make scan.length_mm shorter",
+                "the groove was scanned all round from one place; a weld all round is made from "
+                "several stations of the arm: make scan.length_mm shorter",
                 key="scan.length_mm",
             )
         gravity = np.array(settings.gravity) / np.linalg.norm(settings.gravity)
         count = max(2, round(edges.length / settings.station_step))
-        stations = cut_groove_stations(edges, np.linspace(0.0, edges.length, count + 1))
+        s = np.linspace(0.0, edges.length, count + 1)
+        stations = cut_groove_stations(edges, s[:-1] if edges.closed else s)
         tilt = _tilt_of_gravity(stations, gravity)
         order = order_beads(edges, stations.corners, wps, settings.bead, gravity, tilt)
         toes_u = stations.corners[:, [3, 2], 0]
+        arms, T_j_r = arm_stations(context.scan, scanned, edges, sections, stations)
+        passes = passes_of_weld(order, edges, wps, [arm.stretch for arm in arms])
         u = _columns(toes_u, settings.margin)
         true = WeldState.of_groove(
-            stations.s, u, _true_heights(context.scan, stations, u), toes_u, tilt
+            stations.s, u, _true_heights(context.scan, stations, u, T_j_r), toes_u, tilt
         )
         world = WeldWorld(
             true,
@@ -289,18 +341,15 @@ class Weld:
             wps.wire.deposition_efficiency,
             np.random.default_rng(settings.simulation.seed),
             faults=settings.simulation,
+            period=edges.length if edges.closed else 0.0,
         )
-        last = {view.index: view for view in read_recorded_scan(scanned).views}
-        T_r_b = result_frame_of_job(context.job).T_r_b
-        poses = [T_r_b @ last[one.index].T_b_s for one in sections]
-        flanks = looking.FlanksAlongGroove.of_scan(edges, sections, poses)
-        views = [last[k] for k in sorted(last)]
-        return cls(context, stations, flanks, toes_u, order, world, views)
+        by_name = {arm.stretch.station: arm for arm in arms}
+        return cls(context, stations, toes_u, order, passes, world, by_name)
 
     @property
     def count(self) -> int:
-        """Beads of the weld."""
-        return sum(self.order.counts)
+        """Passes of the weld: one a bead from each station."""
+        return len(self.passes)
 
     def power_source(self) -> PowerSource:
         """The power source that the job names, not yet connected."""
@@ -324,12 +373,15 @@ class Weld:
 
     def plan_all(self, journal: Journal) -> None:
         """Look, and plan every bead that is left by the bead model alone; nothing is welded."""
-        planner = self.planner or self._look(journal)
-        while planner.done < self.count:
+        while self.done < self.count:
             self._stop_if_asked()
-            bead, self._bead = self._bead or planner.next_bead(), None
+            self._go_to_station(journal)
+            if self._look_is_due(LookSchedule.NONE):
+                self._look(journal)
+            bead = self._plan_pass()
             journal.record(self._planned(bead, dry=True))
-            planner.after_bead(bead)
+            self._begun_planner.after_bead(bead, part=self._part_of_pass())
+            self._bead, self.done = None, self.done + 1
         journal.record(RunEvent("dry run", "nothing was welded: an arc needs --arc"))
 
     def weld_all(self, source: PowerSource, looks: LookSchedule, journal: Journal) -> None:
@@ -352,31 +404,38 @@ class Weld:
             height=job.weld.height,
             raise_torch=self._raise_torch,
         )
-        planner = self.planner or self._look(journal)
-        while planner.done < self.count:
+        while self.done < self.count:
+            self._go_to_station(journal)
             bead = self._bead
             if bead is None:
-                bead = self._bead = planner.next_bead()
+                if self._look_is_due(looks):
+                    self._look(journal)
+                bead = self._plan_pass()
                 self._wait_before(bead)
                 journal.record(self._planned(bead))
+            there = replace(welder, station=self._pass.station)
             for begin, end in tuple(self.stretches_left(bead)):
-                self._weld_stretch(welder, bead, begin, end)
-            self._finish_bead(planner, bead)
-            if self._look_is_due(planner, looks):
-                planner = self._look(journal)
-            if planner.done < self.count:
+                self._weld_stretch(there, bead, begin, end)
+            self._finish_bead(bead)
+            if looks is LookSchedule.PASS:
+                self._look(journal)
+            if self.done < self.count:
                 for _ in range(ceil(self.context.wps.sequence.interpass_wait / WAIT_SLICE)):
                     self._stop_if_asked()
                     self.clock.wait(WAIT_SLICE)
-        if looks is not LookSchedule.NONE and self._laid:
-            self._look(journal)
-            journal.record(RunEvent(SURFACE_EVENT, self._surface_in_words(planner)))
+        if looks is not LookSchedule.NONE:
+            if self._laid:
+                self._look(journal)
+            journal.record(RunEvent(SURFACE_EVENT, self._surface_in_words()))
 
-    def _surface_in_words(self, planner: WeldPlanner) -> str:
-        """How far the finished surface lies off its target, where the last look read it."""
-        if not self.weldable.any():
+    def _surface_in_words(self) -> str:
+        """How far the finished surface lies off its target, where the last looks read it."""
+        read = np.zeros(len(self.stations.s), dtype=bool)
+        for name, readable in self._readable.items():
+            read[self.arms[name].part.rows[readable]] = True
+        if self.planner is None or not read.any():
             return "the last look did not read it"
-        state = planner.belief.part(self.weldable)
+        state = self.planner.belief.part(read)
         target = WeldTarget.over(state, self.order.cap_height)
         upright = np.hypot(1, target.slope)
         below = np.where(target.between, target.chord - state.w, 0.0).max(axis=1) / upright
@@ -395,7 +454,8 @@ class Weld:
             case PlannedBeadMessage(dry=True):
                 pass
             case PlannedBeadMessage():
-                self._finish_beads_before(message.number)
+                if self._bead is not None and message.number != self._bead.number:
+                    self._finish_bead(self._bead)
                 self._bead = message
                 self.weldable = message.weldable > 0
             case RunEvent(name=name) if name == ARC_BEGUN_EVENT:
@@ -405,8 +465,9 @@ class Weld:
                 self._arcs.append(message)
                 self._lay(message)
             case LookMessage():
-                self._finish_beads_before(message.beads)
-                self._take_look(message.seen)
+                if self._bead is not None and self.done < message.beads:
+                    self._finish_bead(self._bead)
+                self._take_look(message.seen, message.station)
                 self._bead = None
 
     def end_replay(self) -> None:
@@ -426,10 +487,48 @@ class Weld:
 
     def stretches_left(self, bead: NextBead) -> Iterator[tuple[float, float]]:
         """From where to where a bead is still to be welded, metres along the groove."""
-        for span in _spans(bead.s, self.weldable):
+        for begin, end in _spans(bead.s, self.weldable):
+            span = max(begin, self._pass.begin), min(end, self._pass.end)
             left = left_to_weld(span, self._arcs, self.context.job.weld.overlap)
             if left is not None:
                 yield left
+
+    @property
+    def _begun_planner(self) -> WeldPlanner:
+        if self.planner is None:
+            raise RecordingError("the weld's recording has a bead before its first look")
+        return self.planner
+
+    @property
+    def _pass(self) -> WeldPass:
+        """The pass under way, or the last."""
+        return self.passes[min(self.done, self.count - 1)]
+
+    def _part_of_pass(self) -> GroovePart:
+        """The stations of the pass under way, and one more at either end."""
+        part, step = self.arms[self._pass.station].part, float(self.stations.s[1])
+        on = (part.s > self._pass.begin - step) & (part.s < self._pass.end + step)
+        return GroovePart(part.rows[on], part.s[on])
+
+    def _plan_pass(self) -> NextBead:
+        """Plan the next pass, from what the station that welds it sees."""
+        name, part = self._pass.station, self._part_of_pass()
+        there, planner = self.arms[name].part, self._begun_planner
+        planner.done = self._pass.bead
+        on = np.isin(there.s, part.s)
+        self._bead = planner.next_bead(there).part(on)
+        self.weldable = self._readable[name][on]
+        return self._bead
+
+    def _go_to_station(self, journal: Journal) -> None:
+        """Let a person move the arm to where the next pass is welded from, if it is not there."""
+        name = self._pass.station
+        if name == self._at or len(self.arms) < 2:
+            return
+        if not self.context.ask(f"move the arm to station {name}, just as it stood for the scan"):
+            raise WeldStopped("hold", f"the arm was not moved to station {name}")
+        journal.record(RunEvent(STATION_EVENT, f"the arm is at station {name}"))
+        self._at = name
 
     def _wait_before(self, bead: NextBead) -> None:
         number = bead.number + 1
@@ -443,11 +542,12 @@ class Weld:
 
     def _planned(self, bead: NextBead, *, dry: bool = False) -> PlannedBeadMessage:
         values = {one.name: getattr(bead, one.name) for one in fields(NextBead)}
-        return PlannedBeadMessage(**values, weldable=self.weldable.astype(float), dry=dry)
+        weldable, station = self.weldable.astype(float), self._pass.station
+        return PlannedBeadMessage(**values, weldable=weldable, dry=dry, station=station)
 
     def _weld_stretch(self, welder: ArcWelder, bead: NextBead, begin: float, end: float) -> None:
         for at in (begin, begin + IGNITION_SHIFT):
-            message, stopped = welder.weld(bead, at, end)
+            message, stopped = welder.weld(self._begun_planner.for_arc(bead, at, end), at, end)
             self._arcs.append(message)
             self._lay(message)
             if stopped is None:
@@ -470,40 +570,51 @@ class Weld:
         weave = np.interp(s, bead.s, bead.weave)
         speed, feed, heat = along
         self.world.weld(TorchTrace(s, tip, down, speed, feed, heat, weave))
-        self._laid = True
+        self._laid, self._fresh = True, None
 
-    def _finish_bead(self, planner: WeldPlanner, bead: NextBead) -> None:
-        laid, heat = np.zeros_like(self.weldable), bead.heat_input.copy()
+    def _finish_bead(self, bead: NextBead) -> None:
+        """Count a bead as laid, though no arc may have burned on it."""
+        planner = self._begun_planner
+        set_area, heat = np.zeros_like(bead.s), bead.heat_input.copy()
         for arc in self._arcs:
             on = (bead.s > arc.begin - TRACE_STEP) & (bead.s < arc.end + TRACE_STEP)
             if len(arc.s):
-                laid |= on
-                heat[on] = np.interp(bead.s[on], arc.s, arc.heat_input)
-        planner.after_bead(bead, laid, heat)
-        self._bead, self._arcs = None, []
+                s = bead.s[on]
+                along = [np.interp(s, arc.s, row) for row in (arc.feed, arc.speed, arc.heat_input)]
+                set_area[on] += planner.area_of_arc(s, (arc.begin, arc.end), *along[:2])
+                heat[on] = along[2]
+        planner.done = bead.number
+        planner.after_bead(bead, set_area, heat, self._part_of_pass())
+        self._bead, self._arcs, self.done = None, [], self.done + 1
 
-    def _finish_beads_before(self, number: int) -> None:
-        """Count the recorded bead as laid, though no arc may have burned on it."""
-        if self.planner is not None and self._bead is not None and self._bead.number < number:
-            self._finish_bead(self.planner, self._bead)
-
-    def _look_is_due(self, planner: WeldPlanner, looks: LookSchedule) -> bool:
-        if planner.done >= self.count or looks is LookSchedule.NONE:
+    def _look_is_due(self, looks: LookSchedule) -> bool:
+        """Whether the station that welds the next pass looks before it."""
+        if self._pass.station not in self._readable:
+            return True
+        if looks is LookSchedule.NONE or self._fresh == self._pass.station:
             return False
-        layer, before = self.order.layer_of(planner.done)
+        layer, before = self.order.layer_of(self._pass.bead)
         is_cap = layer == len(self.order.counts) - 1
         return looks is LookSchedule.PASS or (
             before == 0 and (is_cap or looks is LookSchedule.LAYER)
         )
 
-    def _look(self, journal: Journal) -> WeldPlanner:
-        """Look at the groove as it now is, and plan from what is seen."""
-        seen, time = self._scan_again()
-        planner = self._take_look(seen)
+    def _look(self, journal: Journal) -> None:
+        """Look at the groove as it now is, and take in what is seen."""
+        name = self._at or self._pass.station
+        arm, settings = self.arms[name], self.context.job.weld
+        state = self.world.state
+        points = self.stations.points_to_space(np.stack((state.u, state.w), axis=2))
+        if self.world.period > 0:
+            points = np.concatenate((points, points[:1]))
+        surface = RaycastSurface(points.reshape(-1, 3), grid_triangles(*points.shape[:2]))
+        u, toes_u = _columns(self.toes_u, settings.margin), self.toes_u[arm.part.rows]
+        seen, time = arm.look(surface, u, toes_u, settings, lambda: self.context.must_stop)
+        planner = self._take_look(seen, name)
         learner, deviation = planner.learner, planner.deviation
         journal.record(
             LookMessage(
-                planner.done,
+                self.done,
                 time,
                 seen.u,
                 seen.w.ravel(),
@@ -514,58 +625,49 @@ class Weld:
                 learner.gain.value,
                 learner.offset.value,
                 learner.shrinkage.value,
+                name,
             )
         )
-        for begin, end in _spans(self.stations.s, ~self.weldable):
+        for begin, end in _spans(arm.part.s, ~self._readable[name]):
             where = f"{1e3 * begin:.0f} to {1e3 * end:.0f} mm along the groove"
             what = f"{where}, or too short a stretch of it: no arc burns there"
             journal.record(RunEvent("not read", what))
-        return planner
 
-    def _take_look(self, seen: SurfaceLook) -> WeldPlanner:
+    def over_all_sections(self, looks: Sequence[tuple[SurfaceLook, str]]) -> SurfaceLook:
+        """What looks from stations show of the whole groove: of two at a section the later one."""
+        n, (first, _) = len(self.stations.s), looks[0]
+        w, sigma, read = (
+            np.zeros((n, *rows.shape[1:]), rows.dtype)
+            for rows in (first.w, first.sigma, first.read)
+        )
+        for seen, name in looks:
+            part = self.arms[name].part
+            new = seen.read | ~read[part.rows]
+            rows = part.rows[new]
+            w[rows], sigma[rows], read[rows] = seen.w[new], seen.sigma[new], seen.read[new]
+        return SurfaceLook(first.u, w, sigma, read)
+
+    def _take_look(self, seen: SurfaceLook, name: str) -> WeldPlanner:
+        """Take in a look from a station; where none has read the groove before, it is bare."""
+        part, n = self.arms[name].part, len(self.stations.s)
+        whole = self.over_all_sections([(seen, name)])
+        tilt = self.world.state.tilt
+        bare = WeldState.of_groove(self.stations.s, seen.u, whole.w, self.toes_u, tilt)
         if self.planner is None:
-            tilt = self.world.state.tilt
-            belief = WeldState.of_groove(self.stations.s, seen.u, seen.w, self.toes_u, tilt)
             model = self.context.job.weld.bead
-            self.planner = WeldPlanner(belief, self.order, self.context.wps, model)
+            self.planner = WeldPlanner(bare, self.order, self.context.wps, model)
         else:
-            u = np.tile(seen.u, (len(seen.w), 1))
-            self.planner.take_look(u, seen.w, seen.sigma, seen.read)
-        s, weldable = self.stations.s, seen.read.copy()
+            first = np.isin(np.arange(n), part.rows) & ~self._begun
+            self.planner.begin_at(first, bare)
+            u = np.tile(seen.u, (n, 1))
+            self.planner.take_look(u, whole.w, whole.sigma, whole.read)
+        self._begun |= whole.read
+        s, weldable = part.s, seen.read.copy()
         for begin, end in _spans(s, seen.read):
             if end - begin < SHORTEST_ARC:
                 weldable &= (s < begin) | (s > end)
-        self.weldable, self._laid = weldable, False
+        self._readable[name], self._laid, self._fresh = weldable, False, name
         return self.planner
-
-    def _scan_again(self) -> tuple[SurfaceLook, float]:
-        """Go the way of the scan again over the groove as it now is."""
-        context, settings = self.context.scan, self.context.job.weld
-        state = self.world.state
-        points = self.stations.points_to_space(np.stack((state.u, state.w), axis=2))
-        surface = RaycastSurface(points.reshape(-1, 3), grid_triangles(*state.u.shape))
-        frame = result_frame_of_job(context.job)
-        job = context.job
-        T_b_r = inverse_pose(job.T_w_b_true) @ (np.eye(4) if job.joint is None else job.joint.T_w_j)
-        scene = SimulatedScene(surface, T_b_r)
-        cell = make_cell(job, context.sensor_mount, lambda: scene, self._arm)
-        profiles = []
-        with cell:
-            cell.arm.move_joint_to_pose(self.views[0].T_b_f, near=self.views[0].q)
-            poses = [view.T_b_f for view in self.views]
-            for T_b_f in looking.interpolate_poses(poses, settings.look_step):
-                if self.context.must_stop:
-                    raise WeldStopped(ArcFault.STOPPED, "by the operator, during a look")
-                self._arm = cell.arm.move_linear(T_b_f)
-                T_r_s = frame.T_r_b @ self._arm.T_b_f @ cell.T_f_s
-                profile = cell.laser.capture()
-                profiles.append(looking.read_steel(profile, self.flanks, T_r_s, job.groove))
-            time = cell.arm.state().time
-        u = _columns(self.toes_u, settings.margin)
-        surface_seen = looking.surface_of_profiles(
-            self.stations, profiles, u, self.toes_u, settings.look_step
-        )
-        return surface_seen, time
 
 
 def _columns(toes_u: Array, margin: float) -> Array:
@@ -578,14 +680,14 @@ def _tilt_of_gravity(stations: GrooveStations, gravity: Array) -> Array:
     return np.asarray(np.arctan2(-(stations.across @ gravity), -(stations.up @ gravity)))
 
 
-def _true_heights(scan: ScanContext, stations: GrooveStations, u: Array) -> Array:
+def _true_heights(scan: ScanContext, stations: GrooveStations, u: Array, T_j_r: Array) -> Array:
     """Heights of the true joint over the sections' columns, shape (n, m), metres."""
     if scan.joint is None:
         raise ConfigurationError("a simulated weld needs a [joint] table", key="joint")
     shape = len(stations.s), len(u)
     start = np.stack(np.broadcast_arrays(u, np.full(shape, RAY_HEIGHT)), axis=2)
-    origins = stations.points_to_space(start).reshape(-1, 3)
-    directions = np.repeat(-stations.up, len(u), axis=0)
+    origins = transform_points(T_j_r, stations.points_to_space(start).reshape(-1, 3))
+    directions = np.repeat(-stations.up @ T_j_r[:3, :3].T, len(u), axis=0)
     hits = joint_surface(scan.joint).cast_rays(origins, directions)
     heights = RAY_HEIGHT - hits.distance.reshape(shape)
     if not np.isfinite(heights).all():
