@@ -12,7 +12,7 @@ from command import tjscan
 
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CrawlCycle, PlannedPass, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.plan import PassSettings
@@ -115,6 +115,10 @@ def test_a_pass_is_planned_from_the_way_back_and_struck_at_rest(cut_short: Path)
     assert first.gain == 1.0
     assert second.gain > 1.0  # 3 % more wire than was set
     assert second.unread == 0.0
+    entries = list(read_crawl(cut_short))
+    for k in (k for k, entry in enumerate(entries) if isinstance(entry, PlannedPass)):
+        last = next(entry for entry in entries[k::-1] if isinstance(entry, CrawlCycle))
+        assert last.commanded == AT_REST  # seconds without a cycle follow
     struck = [cycle for cycle in found.cycles if cycle.arc and cycle.number == 1]
     assert abs(struck[0].state.odometry.speed) < 0.5e-3
     assert abs(struck[-1].state.odometry.speed) < 1e-3
@@ -202,6 +206,18 @@ def test_the_plan_aims_at_what_is_missing(job_file: Path) -> None:
     assert (planned.speed <= high + 1e-9).all()
     assert np.abs(planned.offset).max() < 2e-3
     assert planner.unread_stretch() >= job.weld.length  # the next pass needs a look of its own
+
+
+def test_a_stretch_that_no_profile_shows_is_planned_as_its_neighbours(job_file: Path) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    travels = np.arange(-0.036, 0.006, 1e-3)
+    places = travels + job.vehicle.laser_to_torch
+    show(planner, job, travels[(places < 0.008) | (places > 0.024)])
+    assert 0 < planner.unread_stretch() < LONGEST_UNREAD_STRETCH
+    planned = planner.plan_pass(1)
+    assert planned.unread > 0
+    np.testing.assert_allclose(planned.height, -0.016, atol=0.5e-3)
 
 
 def show(planner: CrawlPassPlanner, job: CrawlJob, travels: np.ndarray) -> None:
