@@ -474,7 +474,7 @@ class ContradictionWatch:
                 "joint bends",
                 "the joint goes aside in the laser's line, and gyro and tracks turn alike: the "
                 "joint bends, or the vehicle slides aside, or the laser is late. Look at steel and "
-                "laser, and make alignment.length_mm longer, so that it sees a bend before the weld",
+                "laser, and make alignment.length_mm longer: it then sees a bend before the weld",
             )
 
     def _check_unread(self, profile: Profile) -> None:
