@@ -18,6 +18,9 @@ SURE_PERIODS: Final = 10
 """Periods, a second, for which a force must be sure. Errors of filtered poses last as long, so the
 mean of a window scatters hardly less than they do."""
 
+PUSHED_PERIODS: Final = 5
+"""Periods, half a second, for which wheels must push: no change of their speed takes so long."""
+
 USABLE_GRIP_SHARE: Final = 0.8
 """Share of a vehicle's force from which on the welder waits: beyond, wheels slip on a bad spot."""
 
@@ -51,6 +54,7 @@ class GripWatch:
     def __init__(self, vehicles: int, most: float) -> None:
         self._most = most
         self._forces: deque[Array] = deque(maxlen=FORCE_WINDOW)
+        self._pushes: deque[Array] = deque(maxlen=PUSHED_PERIODS)
         self._tensions: deque[Array] = deque(maxlen=FORCE_WINDOW)
         self._still = np.zeros((vehicles, 2))
         self._waits, self._hard_for = False, 0
@@ -68,6 +72,7 @@ class GripWatch:
         """
         estimated = self._still * np.nan if plan.forces is None else plan.forces
         forces = np.where(np.isnan(pushes), estimated, -pushes)
+        self._pushes.append(np.linalg.norm(np.nan_to_num(pushes), axis=1))
         if np.isfinite(forces).all():
             self._forces.append(forces)
         if plan.tension is not None and np.isfinite(plan.tension).all():
@@ -98,15 +103,18 @@ class GripWatch:
     def count_hard_pull(self) -> tuple[float, int] | None:
         """Largest sure force and its vehicle, if too little of that vehicle's grip is left.
 
-        Called once a period: the force must last for `SURE_PERIODS`. What drives that report too
-        small a push hide, the chord of a cable that is drawn straight shows.
+        Called once a period: the force must last for `SURE_PERIODS`, and what wheels themselves
+        push with, for `PUSHED_PERIODS`. What drives that report too small a push hide, the chord of
+        a cable that is drawn straight shows.
         """
-        sure = self.sure_forces
-        hardest = int(sure.argmax())
-        share = EASED_GRIP_SHARE if self._waits else USABLE_GRIP_SHARE
-        self._hard_for = self._hard_for + 1 if sure[hardest] > share * self._most else 0
-        self._waits = self._hard_for >= (1 if self._waits else SURE_PERIODS)
-        return (float(sure[hardest]), hardest) if self._waits else None
+        mean, is_long = self.sure_forces, len(self._pushes) == PUSHED_PERIODS
+        pushed = np.min(self._pushes, axis=0) if is_long else np.zeros(len(self._still))
+        limit = self._most * (EASED_GRIP_SHARE if self._waits else USABLE_GRIP_SHARE)
+        self._hard_for = self._hard_for + 1 if mean.max() > limit else 0
+        is_sure = self._hard_for >= (1 if self._waits else SURE_PERIODS)
+        self._waits = is_sure or bool(pushed.max() > limit)
+        most = np.maximum(mean, pushed)
+        return (float(most.max()), int(most.argmax())) if self._waits else None
 
     def give_way(self) -> Array:
         """How far each vehicle gives way to the cable, metres, shape (vehicles, 2)."""
