@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import tjscan
 
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
@@ -21,10 +22,17 @@ from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.planning.wps import read_wps
 from tjscan.runs.crawl.replan import CrawlPassPlanner
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.crawl.run import CrawlContext, calibrate_slip, resume_crawl, run_crawl
+from tjscan.runs.crawl.run import (
+    CrawlContext,
+    calibrate_slip,
+    look_at_finished_weld,
+    resume_crawl,
+    run_crawl,
+)
 from tjscan.vehicle.vehicle import AT_REST, VehicleState
 
-WPS = Path(__file__).parents[2] / "examples" / "wps.toml"
+ROOT = Path(__file__).parents[2]
+WPS = ROOT / "examples" / "wps.toml"
 JOB = """
 [vehicle]
 laser_to_torch_mm = 30
@@ -122,7 +130,7 @@ def test_a_pass_is_planned_from_the_way_back_and_struck_at_rest(cut_short: Path)
 
 
 def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
-    cut_short: Path, tmp_path: Path
+    cut_short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(cut_short, tmp_path / "run")
     file = tmp_path / "run" / "job.toml"
@@ -135,6 +143,20 @@ def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
     assert found.planned[2].speed == pytest.approx(before.planned[2].speed)
     assert found.planned[3].unread == 0.0
     assert found.planned[3].gain > 1.0
+    planner, seen = look_at_finished_weld(file.parent)
+    assert planner.done == 3
+    assert seen.read.all()
+    wire = 1.03 * 0.25 * np.pi * 1.2e-3**2 * 0.95
+    laid = wire * sum(float(one.feed[1] / one.speed[1]) for one in found.planned.values())
+    assert planner.belief.metal_area[2] == pytest.approx(laid, rel=0.08)  # ends, overlap apart
+    limits = ROOT / "examples" / "iso5817-example.toml"
+    assert tjscan("inspect", file.parent, "--limits", limits, "--thickness-mm", 16, "--json") == 3
+    shown = json.loads(capsys.readouterr().out)
+    sag = next(row for row in shown["rows"] if row["imperfection"] == "sag")
+    assert sag["value"]["source"] == "simulated"
+    assert sag["value"]["value"] > 1  # three beads do not fill it
+    with pytest.raises(ConfigurationError, match="not all are welded"):
+        look_at_finished_weld(cut_short)
 
 
 def test_no_arc_without_its_option_and_no_look_without_its_way(job_file: Path) -> None:
