@@ -184,12 +184,12 @@ def test_a_simulated_source_feeds_no_real_torch(job_file: Path) -> None:
 
 def test_the_simulated_current_falls_where_the_torch_is_raised(job_file: Path) -> None:
     cell = make_crawl_cell(read_crawl_job(job_file, {"weld.height": {}}))
-    assert isinstance(cell.weld, SimulatedWeld)
+    assert isinstance(cell.world, SimulatedWeld)
     assert isinstance(cell.torch, SimulatedTorchAxes)
-    cell.weld.welded.append([0.0, 0.0])
-    planned = float(cell.weld.pass_of_arc(0).table.at(np.array(0.0)).height)
+    cell.world.welded.append([0.0, 0.0])
+    planned = float(cell.world.pass_of_arc(0).table.at(np.array(0.0)).height)
     cell.torch.move(0.0, planned + 1e-3, 0.1)
-    assert cell.weld.torch_raised() == pytest.approx(1e-3)
+    assert cell.world.torch_raised() == pytest.approx(1e-3)
 
 
 def test_a_shuttle_strikes_no_arc_and_needs_none(

@@ -275,7 +275,7 @@ class CrawlJob(StrictFileModel):
                 real = set(registry.names) - {table.driver, "replay"}
                 yield (
                     "simulation",
-                    f"a simulated {registry.device} needs a [simulation] table; {registry.key} "
+                    f"a simulated {registry.device.replace('_', ' ')} needs a [simulation] table; {registry.key} "
                     f"names a real one: {', '.join(sorted(real))}",
                 )
             if table.driver_kind is DriverKind.REPLAYED:
