@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import tjscan
 
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CrawlCycle, PlannedPass, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.plan import PassSettings
@@ -20,10 +21,17 @@ from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.planning.wps import read_wps
 from tjscan.runs.crawl.replan import CrawlPassPlanner
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.crawl.run import CrawlContext, calibrate_slip, resume_crawl, run_crawl
+from tjscan.runs.crawl.run import (
+    CrawlContext,
+    calibrate_slip,
+    look_at_finished_weld,
+    resume_crawl,
+    run_crawl,
+)
 from tjscan.vehicle.vehicle import AT_REST, VehicleState
 
-WPS = Path(__file__).parents[2] / "examples" / "wps.toml"
+ROOT = Path(__file__).parents[2]
+WPS = ROOT / "examples" / "wps.toml"
 JOB = """
 [vehicle]
 laser_to_torch_mm = 30
@@ -107,6 +115,10 @@ def test_a_pass_is_planned_from_the_way_back_and_struck_at_rest(cut_short: Path)
     assert first.gain == 1.0
     assert second.gain > 1.0  # 3 % more wire than was set
     assert second.unread == 0.0
+    entries = list(read_crawl(cut_short))
+    for k in (k for k, entry in enumerate(entries) if isinstance(entry, PlannedPass)):
+        last = next(entry for entry in entries[k::-1] if isinstance(entry, CrawlCycle))
+        assert last.commanded == AT_REST  # seconds without a cycle follow
     struck = [cycle for cycle in found.cycles if cycle.arc and cycle.number == 1]
     assert abs(struck[0].state.odometry.speed) < 0.5e-3
     assert abs(struck[-1].state.odometry.speed) < 1e-3
@@ -117,7 +129,7 @@ def test_a_pass_is_planned_from_the_way_back_and_struck_at_rest(cut_short: Path)
 
 
 def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
-    cut_short: Path, tmp_path: Path
+    cut_short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(cut_short, tmp_path / "run")
     file = tmp_path / "run" / "job.toml"
@@ -130,6 +142,20 @@ def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
     assert found.planned[2].speed == pytest.approx(before.planned[2].speed)
     assert found.planned[3].unread == 0.0
     assert found.planned[3].gain > 1.0
+    planner, seen = look_at_finished_weld(file.parent)
+    assert planner.done == 3
+    assert seen.read.all()
+    wire = 1.03 * 0.25 * np.pi * 1.2e-3**2 * 0.95
+    laid = wire * sum(float(one.feed[1] / one.speed[1]) for one in found.planned.values())
+    assert planner.belief.metal_area[2] == pytest.approx(laid, rel=0.08)  # ends, overlap apart
+    limits = ROOT / "examples" / "iso5817-example.toml"
+    assert tjscan("inspect", file.parent, "--limits", limits, "--thickness-mm", 16, "--json") == 3
+    shown = json.loads(capsys.readouterr().out)
+    sag = next(row for row in shown["rows"] if row["imperfection"] == "sag")
+    assert sag["value"]["source"] == "simulated"
+    assert sag["value"]["value"] > 1  # three beads do not fill it
+    with pytest.raises(ConfigurationError, match="not all are welded"):
+        look_at_finished_weld(cut_short)
 
 
 def test_no_arc_without_its_option_and_no_look_without_its_way(job_file: Path) -> None:
@@ -180,6 +206,18 @@ def test_the_plan_aims_at_what_is_missing(job_file: Path) -> None:
     assert (planned.speed <= high + 1e-9).all()
     assert np.abs(planned.offset).max() < 2e-3
     assert planner.unread_stretch() >= job.weld.length  # the next pass needs a look of its own
+
+
+def test_a_stretch_that_no_profile_shows_is_planned_as_its_neighbours(job_file: Path) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    travels = np.arange(-0.036, 0.006, 1e-3)
+    places = travels + job.vehicle.laser_to_torch
+    show(planner, job, travels[(places < 0.008) | (places > 0.024)])
+    assert 0 < planner.unread_stretch() < LONGEST_UNREAD_STRETCH
+    planned = planner.plan_pass(1)
+    assert planned.unread > 0
+    np.testing.assert_allclose(planned.height, -0.016, atol=0.5e-3)
 
 
 def show(planner: CrawlPassPlanner, job: CrawlJob, travels: np.ndarray) -> None:

@@ -72,7 +72,7 @@ def inspect(run: Path, *, limits: Path, thickness_mm: float, json: bool = False)
     Parameters
     ----------
     run
-        The run directory of a finished weld.
+        The run directory of a finished weld, or of a crawl whose passes were planned from looks.
     limits
         The table (TOML), such as ``iso5817-example.toml`` of ``tjscan init``.
     thickness_mm
@@ -91,7 +91,7 @@ def inspect(run: Path, *, limits: Path, thickness_mm: float, json: bool = False)
     print_fields(map(inspection.inspection_cells, rows), head)
     print_message(WHAT_A_LASER_CANNOT_SEE)
     if json:
-        print_json(inspection.inspection_as_json(rows))
+        print_json(inspection.inspection_as_json(rows, simulated=inspection.is_simulated(run)))
     if any(row.state == "beyond" for row in rows):
         raise SystemExit(3)
 

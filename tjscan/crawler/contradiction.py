@@ -473,8 +473,8 @@ class ContradictionWatch:
             raise CrawlStopped(
                 "joint bends",
                 "the joint goes aside in the laser's line, and gyro and tracks turn alike: the "
-                "joint bends, or the vehicle slides aside, or the laser is late. End the weld "
-                "before the bend and begin another behind it, or look at steel and laser",
+                "joint bends, or the vehicle slides aside, or the laser is late. Look at steel and "
+                "laser, and make alignment.length_mm longer: it then sees a bend before the weld",
             )
 
     def _check_unread(self, profile: Profile) -> None:

@@ -364,6 +364,7 @@ class Crawler:
             raise CrawlStopped(
                 "not seen", f"{1e3 * unread:.0f} mm of the weld were not read, and not planned"
             )
+        self._cycle.come_to_rest()  # seconds without a cycle follow
         planned = planner.plan_pass(number)
         self._journal.record(planned)
         return with_rows(one, planned.table)

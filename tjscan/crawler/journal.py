@@ -138,6 +138,8 @@ class PlannedPass:
         deviation, metres; None if it does not show it.
     s, speed, offset, height, weave, feed : ndarray, shape (n,)
         Rows along the weld; see `BeadSegments`.
+    closed : ndarray, shape (n,)
+        How far the joint has closed since it was bare, metres.
     """
 
     number: int
@@ -153,6 +155,7 @@ class PlannedPass:
     height: Array
     weave: Array
     feed: Array
+    closed: Array
 
     @property
     def table(self) -> BeadSegments:

@@ -175,7 +175,8 @@ def measure_weld(
     found["undercut"][0] = np.maximum(found["undercut"][0], 0.0)
     if butt:  # the plates are where the first scan shows them
         ends = [np.median(part, axis=1) for part in (state.base[:, 2:12], state.base[:, -12:-2])]
-        row_sigma = np.sqrt(np.mean(sigma**2, axis=1, where=seen_columns))
+        square = np.sum(sigma**2, axis=1, where=seen_columns)
+        row_sigma = np.sqrt(square / np.maximum(seen_columns.sum(axis=1), 1))
         found["misalignment"] = np.stack((np.abs(ends[1] - ends[0]), row_sigma))
     else:
         found["throat"] = _largest(-_from_root(state, seen), metal, seen_columns, sigma)

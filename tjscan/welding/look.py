@@ -68,7 +68,8 @@ class SurfaceLook:
         Heights, metres.
     sigma : ndarray, shape (n, k)
         Standard deviation of each height, metres; `UNSEEN_SIGMA` where no profile shows it, and
-        the height is that between its neighbours.
+        the height is that between its neighbours, or at a station that none shows between the
+        stations before and after it.
     read : ndarray of bool, shape (n,)
         Stations at which it was read.
     """
@@ -137,6 +138,9 @@ def look_of_heights(
     for row, known in zip(w, seen, strict=True):
         if known.any():
             row[~known] = np.interp(u[~known], u[known], row[known])
+    if (shown := seen.any(axis=1)).any():
+        for column in w.T:
+            column[~shown] = np.interp(s[~shown], s[shown], column[shown])
     return SurfaceLook(u, np.nan_to_num(w), np.where(seen, sigma, UNSEEN_SIGMA), read)
 
 

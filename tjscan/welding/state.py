@@ -85,7 +85,9 @@ class WeldState:
         """Area of weld metal, shape (n,), m²."""
         return np.asarray(np.einsum("ij,ij->i", column_widths(self.u), self.w - self.base))
 
-    def with_beads(self, laid: LaidBeads, shrinkage: ShrinkageModel, factor: float) -> WeldState:
+    def with_beads(
+        self, laid: LaidBeads, shrinkage: ShrinkageModel, factor: float | Array
+    ) -> WeldState:
         """The state after beads, and after what they shrink.
 
         Parameters
@@ -93,7 +95,7 @@ class WeldState:
         laid : LaidBeads
             At these stations.
         shrinkage : ShrinkageModel
-        factor : float
+        factor : float or ndarray, shape (n,)
             Shrinkage over that of the model.
         """
         after = replace(self, w=laid.w)

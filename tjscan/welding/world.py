@@ -156,6 +156,9 @@ class WeldWorld:
         Of what wanders.
     period : float
         Length of a groove that closes, metres; zero for one that does not.
+    held_length : float
+        Over which the cold plates before and behind an arc hold the groove open, metres: with zero
+        it closes by a step at either end.
     """
 
     state: WeldState
@@ -166,6 +169,7 @@ class WeldWorld:
     shrinkage: ShrinkageModel = field(default_factory=ShrinkageModel)
     faults: WeldFaults = field(default_factory=WeldFaults)
     period: float = 0.0
+    held_length: float = 0.0
 
     def weld(self, trace: TorchTrace) -> Array:
         """Lay the bead of one arc, from its ignition to its crater.
@@ -213,5 +217,9 @@ class WeldWorld:
         width = width * (1 + faults.width_sigma * self.rng.standard_normal())
         centre = wire_meets_surface(part.u, part.w, tip, torch.direction) + wander
         laid = self.lay_shape(part, centre, width, area)
-        after = part.with_beads(laid, self.shrinkage, 1 + faults.shrinkage)
+        factor = (1 + faults.shrinkage) * np.ones(len(s))
+        if self.held_length > 0:
+            from_end = np.minimum(np.abs(s - trace.s[0]), np.abs(trace.s[-1] - s))
+            factor *= -np.expm1(-((from_end / self.held_length) ** 2))
+        after = part.with_beads(laid, self.shrinkage, factor)
         self.state = self.state.replaced(rows, replace(after, s=self.state.s[rows]))

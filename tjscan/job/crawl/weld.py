@@ -21,6 +21,9 @@ STATION_STEP, COLUMN_STEP = 2e-3, 0.25e-3
 PLATE_REACH: Final = 15e-3
 """Metres of either plate that a bead may reach."""
 
+HELD_LENGTH: Final = 60e-3
+"""Over which the plates beyond a weld's ends hold the joint open there, metres: an assumption."""
+
 LEAST_TRAVEL_SPEED: Final = 0.2e-3
 """A torch that hardly moves still gets its bead, metres a second."""
 
@@ -58,7 +61,12 @@ class CrawlWeld:
         state = WeldState.of_groove(s, u, w, toes, np.full(len(s), settings.tilt))
         rng = np.random.default_rng([self.seed, WELD_RANDOM_STREAM])
         self.metal = WeldWorld(
-            state, settings.wire_diameter, settings.efficiency, rng, faults=settings
+            state,
+            settings.wire_diameter,
+            settings.efficiency,
+            rng,
+            faults=settings,
+            held_length=HELD_LENGTH,
         )
 
     def burn(self, time: float, along: float, right: float) -> None:

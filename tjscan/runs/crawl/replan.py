@@ -42,8 +42,9 @@ FEWEST_PROFILES: Final = 3
 PLATE_MARGIN: Final = 8e-3
 """Of the plates beside the joint that a look shows, metres."""
 
-EDGE_POOLING: Final = 20e-3
-"""To either side of a station, metres, over which its edges are the median of those read."""
+EDGE_POOLING, EDGE_SIGMA = 20e-3, 0.05e-3
+"""To either side of a station over which its edges are the median of those read, and how well the
+centre between these must be known, as a standard deviation; metres."""
 
 
 @dataclass(eq=False)
@@ -70,6 +71,7 @@ class CrawlPassPlanner:
     tell: Callable[[PassSettings], None] = lambda planned: None
     s: Array = field(init=False)
     _toes_u: Array = field(init=False, repr=False)
+    _closed: Array = field(init=False, repr=False)
     _bead: NextBead | None = None
     _last: float = np.inf
     _seen: list[tuple[float, Profile, JointPlacement]] = field(default_factory=list)
@@ -98,30 +100,47 @@ class CrawlPassPlanner:
         spans = zip(*stretches_of_true_values(unread), strict=True)
         return max((STATION_STEP * (b - a) for a, b in spans), default=0.0)
 
-    def plan_pass(self, number: int) -> PlannedPass:
-        """Plan a pass; see `PassPlanner.plan_pass`."""
+    def take_look(self, laid: int) -> tuple[WeldPlanner, SurfaceLook]:
+        """Take in what was seen since the last pass, of which so many are laid.
+
+        Raises
+        ------
+        LookRefused, CrawlStopped
+            As `PassPlanner.plan_pass`; or if nothing shows the bare joint.
+        """
         if self.planner is None:
-            self._toes_u = self._edges_along_weld()
+            edges = self._edges_along_weld()
+            if not np.isfinite(edges).any():
+                raise CrawlStopped("not seen", "the joint's edges were not read along the weld")
+            self._toes_u = np.where(np.isfinite(edges), edges, np.nanmedian(edges, axis=0))
+            self._closed = np.zeros(len(self.s))
             look = self._look()
             tilt = np.full(len(self.s), self.job.weld.tilt)
             belief = WeldState.of_groove(self.s, look.u, look.w, self._toes_u, tilt)
             self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
         else:
-            if self._bead is not None and self._bead.number < number - 1:
+            if self._bead is not None and self._bead.number < laid:
                 self.planner.after_bead(self._bead)
+            closed = np.diff(self._toes_u - self._edges_along_weld(), axis=1)[:, 0]
+            self._closed = np.where(np.isfinite(closed), closed, self._closed)
             look = self._look()
             u = np.tile(look.u, (len(self.s), 1))
             self.planner.take_look(u, look.w, look.sigma, look.read)
-        if self.planner.done != number - 1:
+        self._seen.clear()
+        return self.planner, look
+
+    def plan_pass(self, number: int) -> PlannedPass:
+        """Plan a pass; see `PassPlanner.plan_pass`."""
+        planner, look = self.take_look(number - 1)
+        if planner.done != number - 1:
             raise ConfigurationError(
-                f"pass {number} can't be planned: of the passes before it {self.planner.done} "
+                f"pass {number} can't be planned: of the passes before it {planner.done} "
                 "were planned from looks",
                 key="weld.layers",
             )
-        self._seen.clear()
-        bead = self._bead = self.planner.next_bead()
+        bead = self._bead = planner.next_bead()
         self._check_reach(bead)
-        planned = self._planned(bead, float(np.mean(~look.read)))
+        planned = self._planned(planner, bead, float(np.mean(~look.read)))
         self.tell(with_rows(self.job.passes[number - 1], planned.table))
         return planned
 
@@ -136,29 +155,33 @@ class CrawlPassPlanner:
             self.see(cycle, reading)
 
     def _edges_along_weld(self) -> Array:
-        """Top edges of the bare joint at the stations, shape (n, 2), across from its centre."""
+        """Top edges at the stations, shape (n, 2), from the joint's centre; NaN where not read."""
         rows = [
             (at, *placement.joint_coordinates(*placement.edges.T)[0])
             for at, _, placement in self._seen
-            if isinstance(placement, ButtJointReading) and np.isfinite(placement.edges).all()
+            if isinstance(placement, ButtJointReading)
+            and np.isfinite(placement.edges).all()
+            and placement.centre_sigma < EDGE_SIGMA
         ]
-        if len(rows) < FEWEST_PROFILES:
-            raise CrawlStopped("not seen", "the edges of the joint were not read along the weld")
-        at, *edges = np.array(rows).T
+        at, *edges = np.reshape(rows, (-1, 3)).T
         near = np.abs(at - self.s[:, None]) < EDGE_POOLING
         pooled = [
-            np.median(edge[near[k]] if near[k].any() else edge)
-            for k in range(len(self.s))
-            for edge in edges
+            [np.median(edge[row]) if row.sum() >= FEWEST_PROFILES else np.nan for edge in edges]
+            for row in near
         ]
-        return np.array(pooled).reshape(-1, 2)
+        return np.array(pooled)
 
     def _look(self) -> SurfaceLook:
         toes = self._toes_u
         low, high = float(toes[:, 0].min()) - PLATE_MARGIN, float(toes[:, 1].max()) + PLATE_MARGIN
         u = np.linspace(low, high, 1 + round((high - low) / COLUMN_STEP))
+        # The right edge stays where it was: the planner's groove closes from the left.
+        moved = [np.interp(at, self.s, self._closed) / 2 for at, _, _ in self._seen]
         heights = np.array(
-            [_heights(profile, placement, u) for _, profile, placement in self._seen]
+            [
+                _heights(profile, placement, u - by)
+                for by, (_, profile, placement) in zip(moved, self._seen, strict=True)
+            ]
         )
         at = np.tile([[at] for at, _, _ in self._seen], (1, len(u)))
         noise = np.full_like(
@@ -177,14 +200,12 @@ class CrawlPassPlanner:
                 f"joint, and its axis reaches {1e3 * reach:g} mm",
             )
 
-    def _planned(self, bead: NextBead, unread: float) -> PlannedPass:
-        planner = self.planner
-        if planner is None:
-            raise ValueError("nothing was planned")
+    def _planned(self, planner: WeldPlanner, bead: NextBead, unread: float) -> PlannedPass:
         learner, deviation = planner.learner, planner.deviation
         length = self.job.weld.length
         s = np.linspace(0.0, length, 1 + ceil(length / SEGMENT_LENGTH))
-        rows = bead.speed, *bead.tip.T, 0.5 * bead.weave, bead.feed
+        offset = bead.tip[:, 0] - self._closed / 2  # from the centre as it is now
+        rows = bead.speed, offset, bead.tip[:, 1], 0.5 * bead.weave, bead.feed, self._closed
         return PlannedPass(
             bead.number + 1,
             unread,

@@ -253,6 +253,7 @@ def _look_and_arc(recorded: RecordedCrawl, number: int) -> dict[str, Any]:
             "deposition_gain": value_entry(planned.gain, believed, NO_UNIT),
             "torch_offset": value_entry(planned.torch_offset, believed, MM),
             "shrinkage_factor": value_entry(planned.shrinkage, believed, NO_UNIT),
+            "closed": value_entry(planned.closed.mean(), seen, MM),
             "speed_least": value_entry(planned.speed.min(), NumberSource.SET, MM_S),
             "speed_most": value_entry(planned.speed.max(), NumberSource.SET, MM_S),
         }

@@ -21,6 +21,7 @@ from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
 from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces
 from tjscan.crawler.joint_sections import COASTING_TIME, LastView
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
+from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import (
     BEND_EVENT,
     CRAWL_RECORDING,
@@ -74,6 +75,8 @@ from tjscan.runs.run import (
     record_vehicle_run,
 )
 from tjscan.vehicle.vehicle import DEAD_MAN_TIME
+from tjscan.welding.look import SurfaceLook
+from tjscan.welding.replan import WeldPlanner
 
 SETTLING_MULTIPLE: Final = 4.0
 """Times 1 / gain, after which a tenth of what a reversal brings is left: (1 + 4) exp(-4)."""
@@ -437,15 +440,42 @@ def resume_crawl(
         planner = context.make_planner()
     method, reader = context.make_method(slip), context.make_reader()
     context.jog.move(last.jog)
-    readings = []
-    for cycle, profile in found.profiles:
-        with suppress(GrooveNotFound):
-            readings.append((cycle, reader.read(profile, cycle.travel)))
+    readings = list(_read_again(found, reader))
     if planner is not None:
         planner.replay(tuple(found.planned), readings)
         if cell.world is not None and start.arc_from > 0:
             cell.world.take_plan(passes[start.passes_done])
     _record_crawl(context, directory, cell, method, start, reader, planner, passes)
+
+
+def _read_again(
+    found: RecordedCrawl, reader: JointReader
+) -> Iterator[tuple[CrawlCycle, JointPlacement]]:
+    """Recorded cycles in whose profiles a reader finds the joint, with where it is."""
+    for cycle, profile in found.profiles:
+        with suppress(GrooveNotFound):
+            yield cycle, reader.read(profile, cycle.travel)
+
+
+def look_at_finished_weld(directory: Path) -> tuple[WeldPlanner, SurfaceLook]:
+    """What the way back from the last pass shows, and the groove that it lies in.
+
+    Raises
+    ------
+    ConfigurationError
+        If its passes were not planned from looks, or not all are welded.
+    LookRefused
+        If the way back shows nothing of the weld.
+    """
+    file = directory / JOB_FILE
+    context, found = CrawlContext(read_crawl_job(file), file), read_recorded_crawl(directory)
+    planner, welded, length = context.make_planner(), found.passes, context.job.weld.length
+    whole = len(welded) == len(context.job.passes) and all(one.is_whole(length) for one in welded)
+    if planner is None or not whole:
+        reason = "its passes were not planned from looks, or not all are welded: nothing to inspect"
+        raise ConfigurationError(reason, file=directory)
+    planner.replay(tuple(found.planned), list(_read_again(found, context.make_reader())))
+    return planner.take_look(len(welded))
 
 
 def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:

@@ -28,9 +28,6 @@ WEAVE_WIDTHS: Final = (3e-3, 4e-3)
 LEAST_AREA_WINDOW: Final = 1.3
 """Largest over least area of a bead that is always left: sections of a groove differ."""
 
-TIE_IN: Final = 1e-3
-"""By which a bead goes on over where its neighbour of another station begins, metres."""
-
 BORDER_STEP: Final = 20e-3
 """Between the borders of two stations in one bead and the next, metres: ignition and crater of one
 lie beside whole metal of the other."""
@@ -91,7 +88,7 @@ def passes_of_weld(
         )
         for one in stretches
     ]
-    sequence = replace(wps.sequence, overlap=TIE_IN, ends="square")
+    sequence = replace(wps.sequence, overlap=0.0, ends="square")
     stops = StopPlacement(edges.length, edges.closed, sequence, np.empty(0), tuple(inner))
     layers = stops.spans([(0.0, edges.length)], 0, len(order.counts))
     found, first = list[WeldPass](), 0

@@ -10,8 +10,12 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.sourced import NumberSource
 from tjscan.core.units import DEG, MM, FileUnit
+from tjscan.crawler.journal import CRAWL_RECORDING
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.weld import read_weld_job
+from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
+from tjscan.runs.crawl.run import look_at_finished_weld
 from tjscan.runs.weld.journal import LookMessage, read_weld
 from tjscan.runs.weld.results import SIMULATED_WELD_NOTE
 from tjscan.runs.weld.run import Weld, WeldContext
@@ -25,7 +29,7 @@ from tjscan.welding.inspection import (
 
 
 def inspect_run(directory: Path, limits: Path, thickness: float) -> tuple[InspectionRow, ...]:
-    """Hold the last look of a weld's run against a table of limits.
+    """Hold the last look of a weld's, or a crawl's, run against a table of limits.
 
     Parameters
     ----------
@@ -42,6 +46,11 @@ def inspect_run(directory: Path, limits: Path, thickness: float) -> tuple[Inspec
         If the run's weld is not finished or was not looked at since, or the table is wrong.
     """
     table = read_limits(limits)
+    if is_crawl(directory):
+        planner, seen = look_at_finished_weld(directory)
+        u = np.tile(seen.u, (len(seen.w), 1))
+        measures = measure_weld(planner.belief, u, seen.w, seen.sigma, seen.read, butt=True)
+        return inspect_weld(measures, table, thickness)
     context = WeldContext(read_weld_job(directory / JOB_FILE), directory / JOB_FILE)
     weld, last = Weld.of_scan(context, directory), dict[str, LookMessage]()
     for message in read_weld(directory):
@@ -61,11 +70,21 @@ def inspect_run(directory: Path, limits: Path, thickness: float) -> tuple[Inspec
     return inspect_weld(measures, table, thickness)
 
 
-def inspection_as_json(rows: tuple[InspectionRow, ...]) -> dict[str, Any]:
+def is_crawl(directory: Path) -> bool:
+    """Whether a run directory is a crawl's."""
+    return recording_files(directory, CRAWL_RECORDING)[0].is_file()
+
+
+def is_simulated(directory: Path) -> bool:
+    """Whether the weld of a run was simulated: an arm's always is."""
+    return not is_crawl(directory) or read_crawl_job(directory / JOB_FILE).simulation is not None
+
+
+def inspection_as_json(rows: tuple[InspectionRow, ...], *, simulated: bool) -> dict[str, Any]:
     """Rows of an inspection as JSON holds them: each number states where it comes from."""
     return {
         "schema": "tjscan.weld-inspection",
-        "note": SIMULATED_WELD_NOTE,
+        **({"note": SIMULATED_WELD_NOTE} if simulated else {}),
         "not_seen": WHAT_A_LASER_CANNOT_SEE,
         "rows": [
             {
@@ -76,7 +95,7 @@ def inspection_as_json(rows: tuple[InspectionRow, ...]) -> dict[str, Any]:
                 "state": row.state,
                 **{
                     name: {"value": value / unit.factor, "unit": unit.suffix, "source": str(source)}
-                    for name, value, unit, source in _numbers_of_row(row)
+                    for name, value, unit, source in _numbers_of_row(row, simulated=simulated)
                 },
             }
             for row in rows
@@ -85,10 +104,10 @@ def inspection_as_json(rows: tuple[InspectionRow, ...]) -> dict[str, Any]:
 
 
 def _numbers_of_row(
-    row: InspectionRow,
+    row: InspectionRow, *, simulated: bool
 ) -> tuple[tuple[str, float, FileUnit, NumberSource], ...]:
     unit = DEG if row.limit.imperfection == "toe angle" else MM
-    measured = NumberSource.SIMULATED  # as the cell is that looks at a weld
+    measured = NumberSource.SIMULATED if simulated else NumberSource.MEASURED
     return (
         ("value", row.value, unit, measured),
         ("sigma", row.sigma, unit, NumberSource.BELIEVED),
