@@ -272,11 +272,12 @@ class CrawlJob(StrictFileModel):
         for table in filter(None, (self.vehicle, self.laser, self.torch, self.power)):
             registry = table.registry
             if self.simulation is None and table.driver_kind is DriverKind.SIMULATED:
-                real = set(registry.names) - {table.driver, "replay"}
+                device = registry.device.replace("_", " ")
+                real = ", ".join(sorted(set(registry.names) - {table.driver, "replay"}))
                 yield (
                     "simulation",
-                    f"a simulated {registry.device.replace('_', ' ')} needs a [simulation] table; {registry.key} "
-                    f"names a real one: {', '.join(sorted(real))}",
+                    f"a simulated {device} needs a [simulation] table; {registry.key} names a real "
+                    f"one: {real}",
                 )
             if table.driver_kind is DriverKind.REPLAYED:
                 yield str(registry.key), "a crawl replays with tjscan crawl replay"
