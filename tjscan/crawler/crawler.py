@@ -72,7 +72,7 @@ class PassPlanner(JointLook, Protocol):
     """Plans each pass at *ready* from what the way back showed."""
 
     def unread_stretch(self) -> float:
-        """The longest stretch of the weld that was not seen since the last pass, metres."""
+        """The longest stretch of the weld that was not read since the last pass, metres."""
 
     def plan_pass(self, number: int) -> PlannedPass:
         """Plan a pass from what was seen since the one before.
@@ -358,13 +358,13 @@ class Crawler:
         one, planner = self._plan.passes[number - 1], self._plan.planner
         if planner is None or cut_short:
             return one
+        self._cycle.come_to_rest()  # seconds without a cycle follow
         if planner.unread_stretch() > LONGEST_UNREAD_STRETCH:
             self._look_along(number)
         if (unread := planner.unread_stretch()) > LONGEST_UNREAD_STRETCH:
             raise CrawlStopped(
                 "not seen", f"{1e3 * unread:.0f} mm of the weld were not read, and not planned"
             )
-        self._cycle.come_to_rest()  # seconds without a cycle follow
         planned = planner.plan_pass(number)
         self._journal.record(planned)
         return with_rows(one, planned.table)
