@@ -17,7 +17,8 @@ from tjscan.crawler.journal import CrawlCycle, PlannedPass, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.plan import PassSettings
-from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.crawler.torch_axes import SimulatedTorchAxes
+from tjscan.job.crawl.cell import SimulatedWeld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.planning.wps import read_wps
 from tjscan.runs.crawl.replan import CrawlPassPlanner
@@ -169,9 +170,27 @@ def test_no_arc_without_its_option_and_no_look_without_its_way(job_file: Path) -
         ({"weld.run_up_mm": 20}, "on the way back"),
         ({"power.driver": "none"}, "burn in one spot"),
         ({"pass": [{"feed_m_min": 9, "edge_gap_mm": 2}] * 3}, "weave as stated"),
+        ({"method": "paper"}, "reads no edges"),
+        ({"torch.driver": "none"}, "axes that move it"),
     ):
         with pytest.raises(TjscanError, match=named):
             read_crawl_job(job_file, keys)
+
+
+def test_a_simulated_source_feeds_no_real_torch(job_file: Path) -> None:
+    job = read_crawl_job(job_file).model_copy(update={"simulation": None})
+    refused = [message for _, message in job.contradictions()]
+    assert any(message.startswith("a simulated power source needs") for message in refused)
+
+
+def test_the_simulated_current_falls_where_the_torch_is_raised(job_file: Path) -> None:
+    cell = make_crawl_cell(read_crawl_job(job_file, {"weld.height": {}}))
+    assert isinstance(cell.world, SimulatedWeld)
+    assert isinstance(cell.torch, SimulatedTorchAxes)
+    cell.world.welded.append([0.0, 0.0])
+    planned = float(cell.world.pass_of_arc(0).table.at(np.array(0.0)).height)
+    cell.torch.move(0.0, planned + 1e-3, 0.1)
+    assert cell.world.torch_raised() == pytest.approx(1e-3)
 
 
 def test_a_shuttle_strikes_no_arc_and_needs_none(

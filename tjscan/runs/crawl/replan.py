@@ -203,7 +203,7 @@ class CrawlPassPlanner:
         return look_of_heights(self.s, (at, heights, noise), u, toes, POOLED_LENGTH)
 
     def _check_reach(self, bead: NextBead) -> None:
-        reach = self.job.torch.reach
+        reach = self.job.torch.reach - abs(self.job.torch.aside)
         farthest = float((np.abs(bead.tip[:, 0]) + 0.5 * bead.weave).max())
         if farthest > reach:
             raise CrawlStopped(

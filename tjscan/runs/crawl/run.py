@@ -173,15 +173,13 @@ class CrawlContext(JobContext[CrawlJob]):
         return None if name is None else self.job_file.parent / name
 
     def check_arc(self) -> None:
-        """Refuse an arc that was not asked for in the very command, or without a WPS to read.
+        """Refuse an arc that was not asked for in the very command.
 
         Raises
         ------
         ConfigurationError
             With what is missing.
         """
-        if self.wps_file is not None:
-            read_wps(self.wps_file)
         if self.job.power is not None and not self.arc:
             raise ConfigurationError(
                 "names a power source, and it strikes no arc without --arc in the command: add it, "
@@ -334,6 +332,8 @@ def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, F
     """Make cell and method of a job that is sound, and the run directory."""
     with add_file_to_errors(context.job_file):
         check_sizing(context.job)
+        if context.wps_file is not None:
+            read_wps(context.wps_file)
         method = context.make_method()
         cell = make_crawl_cell(context.job, ask=context.ask)
         make_vehicle_run_directory(directory, context)
