@@ -208,7 +208,7 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
     class SlowOperator:
         """Takes ten seconds of the vehicle's clock to answer."""
 
-        def confirm_weld(self, number: int) -> bool:
+        def confirm_weld(self, number: int, *, looks: bool = False) -> bool:
             last = notes.cycles[-1]
             assert last.commanded == AT_REST
             assert abs(last.state.odometry.speed) < 1e-3

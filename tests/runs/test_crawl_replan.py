@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import tjscan
 
-from tjscan.core.errors import ConfigurationError, TjscanError
+from tjscan.core.errors import ConfigurationError, LookRefused, TjscanError
 from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
 from tjscan.crawler.journal import CrawlCycle, PlannedPass, read_crawl
 from tjscan.crawler.method import TorchEstimate
@@ -239,8 +240,39 @@ def test_a_stretch_that_no_profile_shows_is_planned_as_its_neighbours(job_file: 
     np.testing.assert_allclose(planned.height, -0.016, atol=0.5e-3)
 
 
-def show(planner: CrawlPassPlanner, job: CrawlJob, travels: np.ndarray) -> None:
-    """Let a planner see the simulated joint from places of the torch."""
+@pytest.mark.parametrize(("begin", "refused"), [(0.010, False), (-0.010, True)])
+def test_a_stretch_that_shows_plates_and_no_groove_is_not_read(
+    job_file: Path, begin: float, refused: bool
+) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    show(planner, job, np.arange(-0.036, 0.006, 1e-3), hidden=(begin, 0.024))
+    assert (planner.unread_stretch() > LONGEST_UNREAD_STRETCH) == refused
+    if not refused:
+        planned = planner.plan_pass(1)
+        assert 0 < planned.unread < 1
+        np.testing.assert_allclose(planned.height, -0.016, atol=0.5e-3)
+
+
+def test_a_first_look_at_plates_alone_is_refused(job_file: Path) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    show(planner, job, np.arange(-0.036, 0.006, 1e-3), hidden=(-1.0, 1.0))
+    assert planner.unread_stretch() >= job.weld.length
+    with pytest.raises(LookRefused, match="between its edges"):
+        planner.plan_pass(1)
+
+
+def show(
+    planner: CrawlPassPlanner,
+    job: CrawlJob,
+    travels: np.ndarray,
+    hidden: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Let a planner see the simulated joint from places of the torch.
+
+    Between two places along the weld the laser shows its plates only.
+    """
     cell = make_crawl_cell(job)
     assert cell.world is not None
     reader = CrawlContext(job, Path()).make_reader()
@@ -251,4 +283,9 @@ def show(planner: CrawlPassPlanner, job: CrawlJob, travels: np.ndarray) -> None:
             cycle = CrawlCycle(
                 Phase.RETURN, 1, travel, state, AT_REST, torch, 0.0, 0.0, False, profile=profile
             )
-            planner.see(cycle, reader.read(profile, travel))
+            placement = reader.read(profile, travel)
+            if hidden[0] < travel + job.vehicle.laser_to_torch < hidden[1]:
+                across, _ = placement.joint_coordinates(profile.x_s, profile.z_s)
+                z_s = np.where(np.abs(across) < 9.5e-3, np.nan, profile.z_s)
+                cycle = replace(cycle, profile=replace(profile, z_s=z_s))
+            planner.see(cycle, placement)

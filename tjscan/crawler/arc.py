@@ -103,10 +103,9 @@ class CrawlArc:
         """Fill the crater and end it, at rest; raises as `strike` does."""
         if (sequence := self._sequence) is not None:
             path, height = float(here.offset), float(here.height)
-            at_end = True
             if sequence.phase is not ArcPhase.WELDING:
                 sequence.stop("the pass ended before the torch moved")
-            sequence.advance(self.cycle.speed, 0.0, at_end=at_end)
+            sequence.advance(self.cycle.speed, 0.0, at_end=True)
             self._rest_until(sequence, lambda: sequence.phase is ArcPhase.AFTER_GAS, path, height)
             self.cycle.set_arc(burning=False)
             self._rest_until(sequence, lambda: sequence.phase is ArcPhase.DONE, path, height)

@@ -61,8 +61,11 @@ REPORTED_WAIT: Final = 5.0
 class WeldOperator(Protocol):
     """Decides whether a pass may be welded."""
 
-    def confirm_weld(self, number: int) -> bool:
-        """Whether gas, wire and current are ready for a pass, and no one is in the way."""
+    def confirm_weld(self, number: int, *, looks: bool = False) -> bool:
+        """Whether gas, wire and current are ready for a pass, and no one is in the way.
+
+        Of one that `looks`, with the arc out, before that pass: whether no one is in the way.
+        """
 
     def confirm_torch(self) -> bool:
         """Whether the torch, as it was jogged, points at the middle of the joint."""
@@ -72,7 +75,7 @@ class PassPlanner(JointLook, Protocol):
     """Plans each pass at *ready* from what the way back showed."""
 
     def unread_stretch(self) -> float:
-        """The longest stretch of the weld that was not seen since the last pass, metres."""
+        """The longest stretch of the weld that was not read since the last pass, metres."""
 
     def plan_pass(self, number: int) -> PlannedPass:
         """Plan a pass from what was seen since the one before.
@@ -358,20 +361,20 @@ class Crawler:
         one, planner = self._plan.passes[number - 1], self._plan.planner
         if planner is None or cut_short:
             return one
+        self._cycle.come_to_rest()  # seconds without a cycle follow
         if planner.unread_stretch() > LONGEST_UNREAD_STRETCH:
             self._look_along(number)
         if (unread := planner.unread_stretch()) > LONGEST_UNREAD_STRETCH:
             raise CrawlStopped(
                 "not seen", f"{1e3 * unread:.0f} mm of the weld were not read, and not planned"
             )
-        self._cycle.come_to_rest()  # seconds without a cycle follow
         planned = planner.plan_pass(number)
         self._journal.record(planned)
         return with_rows(one, planned.table)
 
     def _look_along(self, number: int) -> None:
         """Go along the weld and back with the arc out, to see it all."""
-        self._confirm_weld()
+        self._confirm_weld(looks=True)
         self._cycle.enter(Event.WELD_CONFIRMED, f"looks at the whole weld before pass {number}")
         while self._cycle.travel < self._plan.weld.length:
             self._cycle.drive(self._plan.alignment.speed)
@@ -401,10 +404,10 @@ class Crawler:
         self._arc.end(table.at(np.array(end)))
         self._cycle.enter(Event.PASS_WELDED, f"pass {self._cycle.number} is welded")
 
-    def _confirm_weld(self, path: float = 0.0, height: float = 0.0) -> None:
+    def _confirm_weld(self, path: float = 0.0, height: float = 0.0, *, looks: bool = False) -> None:
         """Wait for the operator at rest: he takes his time, and no guard looks meanwhile."""
         self._cycle.come_to_rest()
-        while not self._operator.confirm_weld(self._cycle.number):
+        while not self._operator.confirm_weld(self._cycle.number, looks=looks):
             self._cycle.come_to_rest(path, height)
 
     def _run_up_to_strike(self, first: BeadSegments, arc_from: float) -> None:

@@ -138,8 +138,8 @@ class PlannedPass:
         deviation, metres; None if it does not show it.
     s, speed, offset, height, weave, feed : ndarray, shape (n,)
         Rows along the weld; see `BeadSegments`.
-    closed : ndarray, shape (n,)
-        How far the joint has closed since it was bare, metres.
+    closed : ndarray, shape (n,), optional
+        How far the joint has closed since it was bare, metres; older programs did not state it.
     """
 
     number: int
@@ -155,7 +155,7 @@ class PlannedPass:
     height: Array
     weave: Array
     feed: Array
-    closed: Array
+    closed: Array | None = None
 
     @property
     def table(self) -> BeadSegments:

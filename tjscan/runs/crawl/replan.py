@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError, CrawlStopped
+from tjscan.core.errors import ConfigurationError, CrawlStopped, LookRefused
 from tjscan.core.frames import Array, stretches_of_true_values
 from tjscan.core.robust import mad_sigma
 from tjscan.crawler.joint_tracking.registration import JointPlacement
@@ -79,6 +79,7 @@ class CrawlPassPlanner:
     def __post_init__(self) -> None:
         length = self.job.weld.length
         self.s = np.linspace(0.0, length, 1 + max(2, ceil(length / STATION_STEP)))
+        self._closed = np.zeros(len(self.s))
 
     def see(self, cycle: CrawlCycle, placement: JointPlacement) -> None:
         """Take in a cycle's profile; see `JointLook.see`."""
@@ -97,6 +98,8 @@ class CrawlPassPlanner:
         places = np.sort([at for at, _, _ in self._seen])
         near = [np.searchsorted(places, self.s + side) for side in (-POOLED_LENGTH, POOLED_LENGTH)]
         unread = near[1] - near[0] < FEWEST_PROFILES
+        if not unread.all():
+            unread |= ~self._look().read if self._take_edges() else True
         spans = zip(*stretches_of_true_values(unread), strict=True)
         return max((STATION_STEP * (b - a) for a, b in spans), default=0.0)
 
@@ -108,22 +111,20 @@ class CrawlPassPlanner:
         LookRefused, CrawlStopped
             As `PassPlanner.plan_pass`; or if nothing shows the bare joint.
         """
+        if not self._take_edges():
+            raise CrawlStopped("not seen", "the joint's edges were not read along the weld")
+        look = self._look()
         if self.planner is None:
-            edges = self._edges_along_weld()
-            if not np.isfinite(edges).any():
-                raise CrawlStopped("not seen", "the joint's edges were not read along the weld")
-            self._toes_u = np.where(np.isfinite(edges), edges, np.nanmedian(edges, axis=0))
-            self._closed = np.zeros(len(self.s))
-            look = self._look()
+            if not (read := look.read).any():
+                raise LookRefused("nothing read", "no profile shows the groove between its edges")
+            # Between the sections that were read: what shows only the plates is no groove.
+            w = [np.interp(self.s, self.s[read], column[read]) for column in look.w.T]
             tilt = np.full(len(self.s), self.job.weld.tilt)
-            belief = WeldState.of_groove(self.s, look.u, look.w, self._toes_u, tilt)
+            belief = WeldState.of_groove(self.s, look.u, np.transpose(w), self._toes_u, tilt)
             self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
         else:
             if self._bead is not None and self._bead.number < laid:
                 self.planner.after_bead(self._bead)
-            closed = np.diff(self._toes_u - self._edges_along_weld(), axis=1)[:, 0]
-            self._closed = np.where(np.isfinite(closed), closed, self._closed)
-            look = self._look()
             u = np.tile(look.u, (len(self.s), 1))
             self.planner.take_look(u, look.w, look.sigma, look.read)
         self._seen.clear()
@@ -153,6 +154,17 @@ class CrawlPassPlanner:
             if cycle.arc and cycle.number in numbers and cycle.number > done:
                 self.plan_pass(cycle.number)
             self.see(cycle, reading)
+
+    def _take_edges(self) -> bool:
+        """Take where the edges are now; False if they were not read while the joint was bare."""
+        edges = self._edges_along_weld()
+        if self.planner is None:
+            if not np.isfinite(edges).any():
+                return False
+            self._toes_u = np.where(np.isfinite(edges), edges, np.nanmedian(edges, axis=0))
+        closed = np.diff(self._toes_u - edges, axis=1)[:, 0]
+        self._closed = np.where(np.isfinite(closed), closed, self._closed)
+        return True
 
     def _edges_along_weld(self) -> Array:
         """Top edges at the stations, shape (n, 2), from the joint's centre; NaN where not read."""
