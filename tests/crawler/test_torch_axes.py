@@ -100,7 +100,7 @@ def test_millimetres_at_the_terminal_jog_and_are_no_consent(
     monkeypatch.setattr("questionary.text", lambda question: asked)
     jog = TorchJog(3 * MM)
     operator = TerminalWeldOperator(jog)
-    assert [operator.confirm_weld(1) for _ in range(5)] == [False] * 5
+    assert [operator.confirm_weld(1, "") for _ in range(5)] == [False] * 5
     assert operator.confirm_torch()
     assert jog.offset == pytest.approx(1 * MM)
 

@@ -22,7 +22,7 @@ from tjscan.crawler.control_cycle import (
 )
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sections import LastView
-from tjscan.crawler.journal import SET_DOWN_EVENT, PlannedPass
+from tjscan.crawler.journal import SET_DOWN_EVENT, WARNING_EVENT, PlannedPass
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
 from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings, with_rows
@@ -61,8 +61,11 @@ REPORTED_WAIT: Final = 5.0
 class WeldOperator(Protocol):
     """Decides whether a pass may be welded."""
 
-    def confirm_weld(self, number: int) -> bool:
-        """Whether gas, wire and current are ready for a pass, and no one is in the way."""
+    def confirm_weld(self, number: int, assumed: str) -> bool:
+        """Whether gas, wire and current are ready for a pass, no one is in the way, and it is so.
+
+        What is assumed of the joint is empty if that is nothing.
+        """
 
     def confirm_torch(self) -> bool:
         """Whether the torch, as it was jogged, points at the middle of the joint."""
@@ -266,7 +269,13 @@ class Crawler:
         self._wait_for_joint()
         if resumed is None:
             cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
-            self._align(home)
+            try:
+                self._align(home)
+            except CrawlStopped as stop:
+                if not cycle.bends:
+                    raise
+                reason = f"{stop.reason}. It was assumed that {cycle.assumed}"
+                raise CrawlStopped(stop.guard, reason) from stop
             cycle.enter(Event.AT_START, "back at the start")
         else:
             if start.last_view is not None:
@@ -276,6 +285,8 @@ class Crawler:
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
             cycle.enter(Event.PASSES_LEFT, where)
+        if cycle.assumed:
+            self._report(WARNING_EVENT, f"it is assumed that {cycle.assumed}")
         for number in range(start.passes_done + 1, len(self._plan.passes) + 1):
             cycle.number = number
             goes_on = start.arc_from if number == start.passes_done + 1 else 0.0
@@ -307,12 +318,12 @@ class Crawler:
         cycle = self._cycle
         while True:
             self._align_forward(home)
-            cycle.bend_found = False
+            known = len(cycle.bends)
             cycle.enter(Event.ALIGNED, "the torch is above the joint")
             cycle.come_to_rest()
-            while cycle.travel > home and not cycle.bend_found:
+            while cycle.travel > home and len(cycle.bends) == known:
                 self._drive_back(home)
-            if not cycle.bend_found:
+            if len(cycle.bends) == known:
                 return
             cycle.enter(Event.JOINT_BENDS, "the joint bends")
             cycle.come_to_rest()
@@ -322,7 +333,8 @@ class Crawler:
         alignment = self._plan.alignment
         while True:
             out, torch = self._cycle.travel - home, self._method.torch
-            is_long = out >= alignment.longest  # then only a reversal can show more
+            since = self._cycle.travel - max([home, *self._cycle.bends[-1:]])
+            is_long = since >= alignment.longest  # then only a reversal can show more
             doubt = min(2 * torch.sigma, MOST_OFFSET_AT_REVERSAL) * is_long
             known = torch.sigma <= alignment.offset_sigma
             off = abs(torch.offset)
@@ -404,7 +416,7 @@ class Crawler:
     def _confirm_weld(self, path: float = 0.0, height: float = 0.0) -> None:
         """Wait for the operator at rest: he takes his time, and no guard looks meanwhile."""
         self._cycle.come_to_rest()
-        while not self._operator.confirm_weld(self._cycle.number):
+        while not self._operator.confirm_weld(self._cycle.number, self._cycle.assumed):
             self._cycle.come_to_rest(path, height)
 
     def _run_up_to_strike(self, first: BeadSegments, arc_from: float) -> None:

@@ -43,9 +43,11 @@ class TerminalWeldOperator:
     def __init__(self, jog: TorchJog) -> None:
         self._jog = jog
 
-    def confirm_weld(self, number: int) -> bool:
+    def confirm_weld(self, number: int, assumed: str) -> bool:
         """Ask once before a pass; Ctrl-C stops the crawler instead."""
         ready = "Gas, wire and current ready, and the way clear of people"
+        if assumed:
+            ready = f"It is assumed that {assumed}: is it so? {ready}"
         return self._confirm(f"{ready}: weld pass {number}?")
 
     def confirm_torch(self) -> bool:

@@ -211,6 +211,7 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
         "joint": weld.joint,
         "welder": weld.welder,
         "job": job_label_of_run(directory),
+        "bends_assumed": _bends_assumed(recorded),
         "recordings": [
             {"file": file.name, "sha256": sha256(file.read_bytes()).hexdigest()}
             for file in recording_files(directory, CRAWL_RECORDING)
@@ -238,6 +239,24 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
             if event.name == Phase.STOP
         ],
     }
+
+
+def _bends_assumed(recorded: RecordedCrawl) -> list[dict[str, Any]]:
+    """Where the joint was taken to bend at last, with how far aside: no person stated it."""
+    known = [(one.travel, one.slip) for one in recorded.cycles if one.slip is not None]
+    return [
+        {
+            name: value_entry(number, NumberSource.BELIEVED, MM)
+            for name, number in (
+                ("from", travel + start),
+                ("to", travel + end),
+                ("aside", aside),
+                ("aside_sigma", sigma),
+            )
+        }
+        for travel, slip in known[-1:]
+        for start, end, aside, sigma in slip.bends
+    ]
 
 
 def _look_and_arc(recorded: RecordedCrawl, number: int) -> dict[str, Any]:
