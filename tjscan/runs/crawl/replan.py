@@ -146,14 +146,20 @@ class CrawlPassPlanner:
         return planned
 
     def replay(
-        self, numbers: Sequence[int], readings: Sequence[tuple[CrawlCycle, JointPlacement]]
+        self,
+        numbers: Sequence[int],
+        readings: Sequence[tuple[CrawlCycle, JointPlacement | None]],
     ) -> None:
-        """Take in what an interrupted crawl saw, and plan again what it planned and began."""
+        """Take in what an interrupted crawl saw, and plan again what it planned and began.
+
+        It began a pass where an arc was let burn, whether or not the joint was read there.
+        """
         for cycle, reading in readings:
             done = 0 if self._bead is None else self._bead.number + 1
             if cycle.arc and cycle.number in numbers and cycle.number > done:
                 self.plan_pass(cycle.number)
-            self.see(cycle, reading)
+            if reading is not None:
+                self.see(cycle, reading)
 
     def _take_edges(self) -> bool:
         """Take where the edges are now; False if they were not read while the joint was bare."""

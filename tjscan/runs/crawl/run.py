@@ -450,11 +450,14 @@ def resume_crawl(
 
 def _read_again(
     found: RecordedCrawl, reader: JointReader
-) -> Iterator[tuple[CrawlCycle, JointPlacement]]:
-    """Recorded cycles in whose profiles a reader finds the joint, with where it is."""
-    for cycle, profile in found.profiles:
-        with suppress(GrooveNotFound):
-            yield cycle, reader.read(profile, cycle.travel)
+) -> Iterator[tuple[CrawlCycle, JointPlacement | None]]:
+    """Recorded cycles, each with where a reader finds the joint if its profile shows it."""
+    for cycle in found.cycles:
+        placement = None
+        if cycle.profile is not None:
+            with suppress(GrooveNotFound):
+                placement = reader.read(cycle.profile, cycle.travel)
+        yield cycle, placement
 
 
 def look_at_finished_weld(directory: Path) -> tuple[WeldPlanner, SurfaceLook]:
