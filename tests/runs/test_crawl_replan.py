@@ -22,6 +22,7 @@ from tjscan.job.crawl.cell import SimulatedWeld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.planning.wps import read_wps
 from tjscan.runs.crawl.replan import CrawlPassPlanner
+from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import (
     CrawlContext,
@@ -149,6 +150,12 @@ def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
     assert found.planned[2].speed == pytest.approx(before.planned[2].speed)
     assert found.planned[3].unread == 0.0
     assert found.planned[3].gain > 1.0
+    assert sum("% of it at a limit of the WPS" in one for one in found.details_of("planned")) > 0
+    (surface,) = found.details_of("finished surface")
+    assert "below the line between its toes" in surface
+    assert f"Finished surface: {surface}." in crawl_chapter(file.parent).findings
+    log = json.loads((file.parent / "weld-log.json").read_text())["passes"]
+    assert log[2]["look_before"]["at_a_limit_of_the_wps"]["value"] > 0
     planner, seen = look_at_finished_weld(file.parent)
     assert planner.done == 3
     assert seen.read.all()

@@ -26,7 +26,7 @@ from tjscan.crawler.journal import SET_DOWN_EVENT, PlannedPass
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
 from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings, with_rows
-from tjscan.recording.journal import Journal, event_recorder
+from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
 TURN_BACK_WAY: Final = 0.5
@@ -85,6 +85,9 @@ class PassPlanner(JointLook, Protocol):
         LookRefused
             If that can't be this joint as it is now.
         """
+
+    def finish(self, laid: int) -> RunEvent:
+        """Event that says what was seen since the last pass, of so many, that was laid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,6 +289,9 @@ class Crawler:
             left = len(self._plan.passes) - number
             cycle.all_welded = not left
             self._go_back(home)
+            if self._plan.planner is not None and not left:
+                cycle.come_to_rest()
+                self._journal.record(self._plan.planner.finish(number))
             cycle.enter(
                 Event.PASSES_LEFT if left else Event.ALL_WELDED,
                 f"back at the start, {left or 'no'} {'pass' if left == 1 else 'passes'} left",
@@ -370,6 +376,7 @@ class Crawler:
             )
         planned = planner.plan_pass(number)
         self._journal.record(planned)
+        self._report("planned", planned.text)
         return with_rows(one, planned.table)
 
     def _look_along(self, number: int) -> None:

@@ -257,6 +257,8 @@ def _look_and_arc(recorded: RecordedCrawl, number: int) -> dict[str, Any]:
             "closed": value_entry(closed, seen, MM),
             "speed_least": value_entry(planned.speed.min(), NumberSource.SET, MM_S),
             "speed_most": value_entry(planned.speed.max(), NumberSource.SET, MM_S),
+            "feed_mean": value_entry(planned.feed.mean(), NumberSource.SET, ARC_UNITS["feed"]),
+            "at_a_limit_of_the_wps": value_entry(planned.at_limit, believed, NO_UNIT),
         }
     if readings := [one for one in recorded.readings if one.number == number]:
         found["arc"] = {
