@@ -144,7 +144,7 @@ class ArcWorld(WeldWorld):
         rows = np.arange(len(u))
         left = u[rows, covered.argmax(axis=1)]
         right = u[rows, u.shape[1] - 1 - covered[:, ::-1].argmax(axis=1)]
-        return LaidBeads(w + over, left, right, np.zeros((len(u), 2)))
+        return LaidBeads(w + over, left, right, np.zeros((len(u), 2)), np.zeros(len(u), dtype=bool))
 
 
 def make_world(kind: WorldKind, groove: GrooveOfBench, seed: int) -> WeldWorld:

@@ -120,13 +120,15 @@ def test_a_fault_under_the_arc_ends_arc_and_motion(
     assert sum(cycle.arc for cycle in notes.cycles) < 130
 
 
-@pytest.mark.parametrize("off", [2.5e-3, 6e-3])
-def test_little_knowledge_does_not_make_a_torch_far_off_aligned(off: float) -> None:
+@pytest.mark.parametrize(("off", "bends"), [(2.5e-3, []), (6e-3, []), (6e-3, [0.1, 0.7])])
+def test_little_knowledge_does_not_make_a_torch_far_off_aligned(
+    off: float, bends: list[float]
+) -> None:
     told: list[str] = []
     far = off > MOST_OFFSET_AT_REVERSAL
     crawler: Any = SimpleNamespace(
         _plan=SimpleNamespace(alignment=AlignmentSettings(offset_sigma=6e-3)),
-        _cycle=SimpleNamespace(travel=2.0, phase="forward"),
+        _cycle=SimpleNamespace(travel=2.0, phase="forward", bends=bends),
         _method=SimpleNamespace(torch=TorchEstimate(off, 5e-3, 0.0)),
         _report=lambda _, text: told.append(text),
     )
@@ -210,7 +212,7 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
     class SlowOperator:
         """Takes ten seconds of the vehicle's clock to answer."""
 
-        def confirm_weld(self, number: int, assumed: str) -> bool:
+        def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
             last = notes.cycles[-1]
             assert last.commanded == AT_REST
             assert abs(last.state.odometry.speed) < 1e-3
@@ -251,7 +253,7 @@ def test_a_bend_is_told_as_an_assumption_at_ready_and_by_a_stop(
     class Refuses:
         """Asked about a bend, and gives up."""
 
-        def confirm_weld(self, number: int, assumed: str) -> bool:
+        def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
             asked.append(assumed)
             raise CrawlStopped("torch", f"pass {number}")
 

@@ -1,12 +1,19 @@
 """What a crawl records, read again."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tjscan.crawler.journal import CrawlCycle, CrawlRecording, read_crawl
+from tjscan.crawler.journal import (
+    PLANNED_PASS_TOPIC,
+    CrawlCycle,
+    CrawlRecording,
+    PlannedPass,
+    read_crawl,
+)
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import STATE_COUNT, SlipEstimate
@@ -27,6 +34,15 @@ def test_slip_is_read_as_it_was_believed() -> None:
 def test_slip_that_is_damaged_is_refused() -> None:
     with pytest.raises(ValueError, match="reshape"):
         SLIP_TOPIC.decode(SLIP_TOPIC.encode(SlipEstimate(np.zeros(STATE_COUNT), np.eye(8))))
+
+
+def test_a_pass_of_a_program_that_stated_no_closing_is_read() -> None:
+    row = np.zeros(2)
+    planned = PlannedPass(1, 0.0, 1.0, 0.0, 1.0, None, None, row, row, row, row, row, row, row)
+    written = json.loads(PLANNED_PASS_TOPIC.encode(planned))
+    assert PLANNED_PASS_TOPIC.decode(json.dumps(written).encode()).closed is not None
+    del written["closed"]
+    assert PLANNED_PASS_TOPIC.decode(json.dumps(written).encode()).closed is None
 
 
 @pytest.mark.parametrize(

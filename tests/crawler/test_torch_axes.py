@@ -97,10 +97,22 @@ def test_millimetres_at_the_terminal_jog_and_are_no_consent(
 ) -> None:
     answers = iter(["1.2", "nan", "-0.2", "n", "", "y"])
     asked = SimpleNamespace(unsafe_ask=lambda: next(answers))
-    monkeypatch.setattr("questionary.text", lambda question: asked)
+    questions: list[str] = []
+
+    def ask(question: str) -> SimpleNamespace:
+        questions.append(question)
+        return asked
+
+    monkeypatch.setattr("questionary.text", ask)
     jog = TorchJog(3 * MM)
     operator = TerminalWeldOperator(jog)
-    assert [operator.confirm_weld(1, "") for _ in range(5)] == [False] * 5
+    assert [operator.confirm_weld(1, "") for _ in range(3)] == [False] * 3
+    assert not operator.confirm_weld(1, "the joint bends")
+    assert "assumed that the joint bends: is it so?" in questions[3]
+    assert not operator.confirm_weld(1, "the joint bends", looks=True)
+    assert "weld pass 1" in questions[3]
+    assert "with the arc out" in questions[4]
+    assert "weld pass 1" not in questions[4]
     assert operator.confirm_torch()
     assert jog.offset == pytest.approx(1 * MM)
 

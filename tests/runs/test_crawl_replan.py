@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import tjscan
 
-from tjscan.core.errors import ConfigurationError, TjscanError
+from tjscan.core.errors import ConfigurationError, LookRefused, TjscanError
 from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
 from tjscan.crawler.journal import CrawlCycle, PlannedPass, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.plan import PassSettings
-from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.crawler.torch_axes import SimulatedTorchAxes
+from tjscan.job.crawl.cell import SimulatedWeld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.planning.wps import read_wps
 from tjscan.runs.crawl.replan import CrawlPassPlanner
+from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import (
     CrawlContext,
@@ -125,6 +128,11 @@ def test_a_pass_is_planned_from_the_way_back_and_struck_at_rest(cut_short: Path)
     log = json.loads((cut_short / "weld-log.json").read_text())["passes"]
     assert log[1]["look_before"]["deposition_gain"]["source"] == "believed"
     assert log[0]["arc"]["current"]["source"] == "simulated"
+    set_speed = log[0]["length_mm"] * 1e-3 / log[0]["seconds"]  # neither gas nor crater counts
+    assert set_speed == pytest.approx(float(first.speed.mean()), rel=0.02)
+    names = [event.name for event in found.events]
+    assert names.count("welding") == 2  # the crawl's phase, and not that of its arc
+    assert "arc on" not in names
     assert 200 < log[0]["arc"]["current"]["value"] < 350
 
 
@@ -142,6 +150,12 @@ def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
     assert found.planned[2].speed == pytest.approx(before.planned[2].speed)
     assert found.planned[3].unread == 0.0
     assert found.planned[3].gain > 1.0
+    assert sum("% of it at a limit of the WPS" in one for one in found.details_of("planned")) > 0
+    (surface,) = found.details_of("finished surface")
+    assert "below the line between its toes" in surface
+    assert f"Finished surface: {surface}." in crawl_chapter(file.parent).findings
+    log = json.loads((file.parent / "weld-log.json").read_text())["passes"]
+    assert log[2]["look_before"]["at_a_limit_of_the_wps"]["value"] > 0
     planner, seen = look_at_finished_weld(file.parent)
     assert planner.done == 3
     assert seen.read.all()
@@ -168,9 +182,27 @@ def test_no_arc_without_its_option_and_no_look_without_its_way(job_file: Path) -
         ({"weld.run_up_mm": 20}, "on the way back"),
         ({"power.driver": "none"}, "burn in one spot"),
         ({"pass": [{"feed_m_min": 9, "edge_gap_mm": 2}] * 3}, "weave as stated"),
+        ({"method": "paper"}, "reads no edges"),
+        ({"torch.driver": "none"}, "axes that move it"),
     ):
         with pytest.raises(TjscanError, match=named):
             read_crawl_job(job_file, keys)
+
+
+def test_a_simulated_source_feeds_no_real_torch(job_file: Path) -> None:
+    job = read_crawl_job(job_file).model_copy(update={"simulation": None})
+    refused = [message for _, message in job.contradictions()]
+    assert any(message.startswith("a simulated power source needs") for message in refused)
+
+
+def test_the_simulated_current_falls_where_the_torch_is_raised(job_file: Path) -> None:
+    cell = make_crawl_cell(read_crawl_job(job_file, {"weld.height": {}}))
+    assert isinstance(cell.world, SimulatedWeld)
+    assert isinstance(cell.torch, SimulatedTorchAxes)
+    cell.world.welded.append([0.0, 0.0])
+    planned = float(cell.world.pass_of_arc(0).table.at(np.array(0.0)).height)
+    cell.torch.move(0.0, planned + 1e-3, 0.1)
+    assert cell.world.torch_raised() == pytest.approx(1e-3)
 
 
 def test_a_shuttle_strikes_no_arc_and_needs_none(
@@ -220,8 +252,50 @@ def test_a_stretch_that_no_profile_shows_is_planned_as_its_neighbours(job_file: 
     np.testing.assert_allclose(planned.height, -0.016, atol=0.5e-3)
 
 
-def show(planner: CrawlPassPlanner, job: CrawlJob, travels: np.ndarray) -> None:
-    """Let a planner see the simulated joint from places of the torch."""
+def test_a_pass_that_was_begun_unread_is_planned_again(job_file: Path) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    show(planner, job, np.arange(-0.036, 0.006, 1e-3))
+    state, torch = VehicleState(0.0, AT_REST), TorchEstimate(0.0, 0.0, 0.0)
+    struck = CrawlCycle(Phase.WELDING, 1, 0.0, state, AT_REST, torch, 0.0, 0.0, arc=True)
+    planner.replay([1], [(struck, None)])
+    assert planner.planner is not None
+    assert planner.unread_stretch() >= job.weld.length
+
+
+@pytest.mark.parametrize(("begin", "refused"), [(0.010, False), (-0.010, True)])
+def test_a_stretch_that_shows_plates_and_no_groove_is_not_read(
+    job_file: Path, begin: float, refused: bool
+) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    show(planner, job, np.arange(-0.036, 0.006, 1e-3), hidden=(begin, 0.024))
+    assert (planner.unread_stretch() > LONGEST_UNREAD_STRETCH) == refused
+    if not refused:
+        planned = planner.plan_pass(1)
+        assert 0 < planned.unread < 1
+        np.testing.assert_allclose(planned.height, -0.016, atol=0.5e-3)
+
+
+def test_a_first_look_at_plates_alone_is_refused(job_file: Path) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    show(planner, job, np.arange(-0.036, 0.006, 1e-3), hidden=(-1.0, 1.0))
+    assert planner.unread_stretch() >= job.weld.length
+    with pytest.raises(LookRefused, match="between its edges"):
+        planner.plan_pass(1)
+
+
+def show(
+    planner: CrawlPassPlanner,
+    job: CrawlJob,
+    travels: np.ndarray,
+    hidden: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Let a planner see the simulated joint from places of the torch.
+
+    Between two places along the weld the laser shows its plates only.
+    """
     cell = make_crawl_cell(job)
     assert cell.world is not None
     reader = CrawlContext(job, Path()).make_reader()
@@ -232,4 +306,9 @@ def show(planner: CrawlPassPlanner, job: CrawlJob, travels: np.ndarray) -> None:
             cycle = CrawlCycle(
                 Phase.RETURN, 1, travel, state, AT_REST, torch, 0.0, 0.0, False, profile=profile
             )
-            planner.see(cycle, reader.read(profile, travel))
+            placement = reader.read(profile, travel)
+            if hidden[0] < travel + job.vehicle.laser_to_torch < hidden[1]:
+                across, _ = placement.joint_coordinates(profile.x_s, profile.z_s)
+                z_s = np.where(np.abs(across) < 9.5e-3, np.nan, profile.z_s)
+                cycle = replace(cycle, profile=replace(profile, z_s=z_s))
+            planner.see(cycle, placement)

@@ -23,7 +23,7 @@ def test_a_vehicle_that_has_to_push_hard_is_noticed_and_gives_way_to_the_cable()
     np.testing.assert_allclose(hard.give_way(), ((0, 0), (-0.014, 0), (0, 0)), atol=1e-9)
 
 
-def test_wheels_that_push_hard_for_half_a_second_are_noticed_and_a_jerk_is_not() -> None:
+def test_wheels_that_push_hard_for_three_periods_are_noticed_and_a_jerk_is_not() -> None:
     plan = RowPlanner(33, 1.0, 3, lambda tip: "").start(np.array((3.0, 0.0, 0.0)))
     watch, calm = GripWatch(3, 20.0), np.zeros((3, 2))
     hard = np.array(((0.0, 0.0), (0.0, 0.0), (0.0, -18.0)))

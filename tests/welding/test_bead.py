@@ -11,7 +11,9 @@ from scipy.integrate import solve_bvp
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.welding.aims import FIRST_STEPS, AimSearch
 from tjscan.welding.bead import BeadModel, LaidBeads, column_widths, lay_beads
+from tjscan.welding.state import WeldState
 
 FREE = replace(BeadModel(), least_contact=-3.0, largest_contact=3.0)
 U = np.arange(-20e-3, 20e-3, 0.1e-3)
@@ -105,7 +107,18 @@ def test_widest_pool_on_a_slope_just_takes_both_contact_angles(tilt: float) -> N
 def test_pool_that_would_fall_is_refused() -> None:
     assert lay(FREE, 0 * U, 0.0, 8e-3, 10e-6, np.pi).w.max() > 0
     with pytest.raises(ConfigurationError, match="fall out of the overhead groove"):
-        lay(FREE, 0 * U, 0.0, 13e-3, 10e-6, np.pi)
+        lay(FREE, 0 * U, 0.0, 13e-3, 10e-6, np.pi).held()
+
+
+def test_the_search_of_aims_leaves_those_alone_that_would_let_a_pool_fall() -> None:
+    """It refuses nothing by itself: only a bead that is laid is held against the bound."""
+    width, s = 13e-3, np.zeros(1)
+    state = WeldState.of_groove(s, U, 0 * U[None], np.array([[-10e-3, 10e-3]]), s + np.pi)
+    search = AimSearch(FREE, state, 1e-3 + state.w, None, s + 10e-6, s[None] + width)
+    begin = np.array([[1e-3]])
+    aims, shares = search.descend(begin, FIRST_STEPS)
+    np.testing.assert_array_equal(aims, begin)
+    np.testing.assert_array_equal(shares, [[1.0]])
 
 
 def test_pool_on_a_steep_face_hangs_as_gravity_square_to_the_face_has_it() -> None:
@@ -113,10 +126,10 @@ def test_pool_on_a_steep_face_hangs_as_gravity_square_to_the_face_has_it() -> No
     slope, width = radians(60), 13e-3
     rise = np.tan(slope) * U
     with pytest.raises(ConfigurationError, match="fall out"):
-        lay(FREE, rise, 0.0, width, 10e-6, np.pi - slope)
+        lay(FREE, rise, 0.0, width, 10e-6, np.pi - slope).held()
     # Square to the face no gravity pulls out of it: upright, and beside a bevel that hangs over.
     for tilt in (-slope, radians(-104)):
-        laid = lay(FREE, rise, 0.0, width, 10e-6, tilt)
+        laid = lay(FREE, rise, 0.0, width, 10e-6, tilt).held()
         assert np.sum(column_widths(U) * (laid.w[0] - rise)) == pytest.approx(10e-6)
 
 

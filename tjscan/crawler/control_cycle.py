@@ -253,7 +253,8 @@ class ControlCycle:
         where = f"pass {self.number} at {1e3 * self.travel:.1f} mm"
         if jog := self._devices.jog.offset:
             where += f", the torch jogged by {1e3 * jog:+.2f} mm"
-        self._journal.record(RunEvent("arc on" if burning else "arc off", where))
+        name = "arc" if self._devices.power is None else "enable"  # then the source strikes it
+        self._journal.record(RunEvent(f"{name} {'on' if burning else 'off'}", where))
 
     def drive(
         self, speed: float, path: float = 0.0, height: float = 0.0, *, turns_back: bool = False

@@ -26,7 +26,7 @@ from tjscan.crawler.journal import SET_DOWN_EVENT, WARNING_EVENT, PlannedPass
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
 from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings, with_rows
-from tjscan.recording.journal import Journal, event_recorder
+from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
 TURN_BACK_WAY: Final = 0.5
@@ -61,10 +61,11 @@ REPORTED_WAIT: Final = 5.0
 class WeldOperator(Protocol):
     """Decides whether a pass may be welded."""
 
-    def confirm_weld(self, number: int, assumed: str) -> bool:
+    def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
         """Whether gas, wire and current are ready for a pass, no one is in the way, and it is so.
 
         What is assumed of the joint is empty if that is nothing.
+        Of one that `looks`, with the arc out, before that pass: whether no one is in the way.
         """
 
     def confirm_torch(self) -> bool:
@@ -75,7 +76,7 @@ class PassPlanner(JointLook, Protocol):
     """Plans each pass at *ready* from what the way back showed."""
 
     def unread_stretch(self) -> float:
-        """The longest stretch of the weld that was not seen since the last pass, metres."""
+        """The longest stretch of the weld that was not read since the last pass, metres."""
 
     def plan_pass(self, number: int) -> PlannedPass:
         """Plan a pass from what was seen since the one before.
@@ -85,6 +86,9 @@ class PassPlanner(JointLook, Protocol):
         LookRefused
             If that can't be this joint as it is now.
         """
+
+    def finish(self, laid: int) -> RunEvent:
+        """Event that says what was seen since the last pass, of so many, that was laid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,6 +298,9 @@ class Crawler:
             left = len(self._plan.passes) - number
             cycle.all_welded = not left
             self._go_back(home)
+            if self._plan.planner is not None and not left:
+                cycle.come_to_rest()
+                self._journal.record(self._plan.planner.finish(number))
             cycle.enter(
                 Event.PASSES_LEFT if left else Event.ALL_WELDED,
                 f"back at the start, {left or 'no'} {'pass' if left == 1 else 'passes'} left",
@@ -370,20 +377,21 @@ class Crawler:
         one, planner = self._plan.passes[number - 1], self._plan.planner
         if planner is None or cut_short:
             return one
+        self._cycle.come_to_rest()  # seconds without a cycle follow
         if planner.unread_stretch() > LONGEST_UNREAD_STRETCH:
             self._look_along(number)
         if (unread := planner.unread_stretch()) > LONGEST_UNREAD_STRETCH:
             raise CrawlStopped(
                 "not seen", f"{1e3 * unread:.0f} mm of the weld were not read, and not planned"
             )
-        self._cycle.come_to_rest()  # seconds without a cycle follow
         planned = planner.plan_pass(number)
         self._journal.record(planned)
+        self._report("planned", planned.text)
         return with_rows(one, planned.table)
 
     def _look_along(self, number: int) -> None:
         """Go along the weld and back with the arc out, to see it all."""
-        self._confirm_weld()
+        self._confirm_weld(looks=True)
         self._cycle.enter(Event.WELD_CONFIRMED, f"looks at the whole weld before pass {number}")
         while self._cycle.travel < self._plan.weld.length:
             self._cycle.drive(self._plan.alignment.speed)
@@ -413,10 +421,11 @@ class Crawler:
         self._arc.end(table.at(np.array(end)))
         self._cycle.enter(Event.PASS_WELDED, f"pass {self._cycle.number} is welded")
 
-    def _confirm_weld(self, path: float = 0.0, height: float = 0.0) -> None:
+    def _confirm_weld(self, path: float = 0.0, height: float = 0.0, *, looks: bool = False) -> None:
         """Wait for the operator at rest: he takes his time, and no guard looks meanwhile."""
         self._cycle.come_to_rest()
-        while not self._operator.confirm_weld(self._cycle.number, self._cycle.assumed):
+        number, assumed = self._cycle.number, self._cycle.assumed
+        while not self._operator.confirm_weld(number, assumed, looks=looks):
             self._cycle.come_to_rest(path, height)
 
     def _run_up_to_strike(self, first: BeadSegments, arc_from: float) -> None:

@@ -18,8 +18,8 @@ SURE_PERIODS: Final = 10
 """Periods, a second, for which a force must be sure. Errors of filtered poses last as long, so the
 mean of a window scatters hardly less than they do."""
 
-PUSHED_PERIODS: Final = 5
-"""Periods, half a second, for which wheels must push: no change of their speed takes so long."""
+PUSHED_PERIODS: Final = 3
+"""Periods, 0.3 s, for which wheels must push: no change of their speed takes so long."""
 
 USABLE_GRIP_SHARE: Final = 0.8
 """Share of a vehicle's force from which on the welder waits: beyond, wheels slip on a bad spot."""

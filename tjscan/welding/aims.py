@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, Mask
 from tjscan.welding.bead import BeadModel, column_widths, lay_beads
 from tjscan.welding.state import WeldState
 from tjscan.welding.target import WeldTarget
@@ -125,7 +125,7 @@ class AimSearch:
         for step in steps:
             best = self._cost(0, self.state.w, begin, aims, shares)
             for bead in range(len(aims)):
-                below = self._lay(range(bead), self.state.w, aims, shares)
+                below, _ = self._lay(range(bead), self.state.w, aims, shares)
                 for tried in _variants(aims, shares, bead, step):
                     cost = self._cost(bead, below, begin, *tried)
                     better = cost < best
@@ -136,27 +136,31 @@ class AimSearch:
             )
         return aims, shares
 
-    def _lay(self, beads: range, w: Array, aims: Array, shares: Array) -> Array:
-        """Surfaces after some of the beads."""
+    def _lay(self, beads: range, w: Array, aims: Array, shares: Array) -> tuple[Array, Mask]:
+        """Surfaces after some of the beads, and where a pool of theirs would fall."""
         state = self.state
+        falls = np.zeros(len(w), dtype=np.bool_)
         for k in beads:
             area = self.area * shares[k]
-            w = lay_beads(
+            laid = lay_beads(
                 self.model, state.u, w, centre=aims[k], width=self.widths[k], area=area,
                 tilt=state.tilt,
-            ).w  # fmt: skip
-        return w
+            )  # fmt: skip
+            w = laid.w
+            falls |= laid.falls
+        return w, falls
 
     def _cost(self, first: int, w: Array, begin: Array, aims: Array, shares: Array) -> Array:
-        """Cost of laying the beads from one on, shape (k,), m³."""
-        w = self._lay(range(first, len(aims)), w, aims, shares)
+        """Cost of laying beads from one on, shape (k,), m³; infinite where a pool would fall."""
+        w, falls = self._lay(range(first, len(aims)), w, aims, shares)
         off = w - np.maximum(self.top, self.state.w)
         square = off**2 * np.where(off < 0, BELOW_TARGET_WEIGHT, 1.0)
         if self.chord is not None:
             sag = np.minimum(w - np.maximum(self.chord, self.state.w), 0.0)
             square += SAG_WEIGHT * sag**2
         cost = np.einsum("ij,ij->i", column_widths(self.state.u), square)
-        return np.asarray(cost + STRAY_WEIGHT * np.sum((aims - begin) ** 2, axis=0))
+        cost += STRAY_WEIGHT * np.sum((aims - begin) ** 2, axis=0)
+        return np.where(falls, np.inf, cost)
 
 
 def _variants(aims: Array, shares: Array, bead: int, step: Step) -> list[tuple[Array, Array]]:

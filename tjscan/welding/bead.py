@@ -106,12 +106,33 @@ class LaidBeads:
         u of their toes, metres.
     contact : ndarray, shape (n, 2)
         Contact angles at both toes, radians.
+    falls : ndarray of bool, shape (n,)
+        Where the pool hangs and is too wide for its surface tension: its shape is that of one that
+        just holds.
     """
 
     w: Array
     left: Array
     right: Array
     contact: Array
+    falls: Mask
+
+    def held(self) -> LaidBeads:
+        """These beads, if all their pools hold.
+
+        Raises
+        ------
+        ConfigurationError
+            If one would fall.
+        """
+        if self.falls.any():
+            worst = float((self.right - self.left)[self.falls].max())
+            raise ConfigurationError(
+                f"a pool {1e3 * worst:.1f} mm wide would fall out of the overhead groove: lay "
+                "narrower beads there",
+                key="bead.weave_limit_mm",
+            )
+        return self
 
 
 def column_widths(u: Array) -> Array:
@@ -217,11 +238,6 @@ def lay_beads(
     s : ndarray, shape (n,), optional
         Lengths along the groove, growing, metres: the toes of neighbours then move together.
         Where more than a step lies between two, a stretch ends: it moves by itself.
-
-    Raises
-    ------
-    ConfigurationError
-        If a pool hangs and is too wide for its surface tension.
     """
     lengths = surface_lengths(u, w)
     widths = column_widths(u)
@@ -237,7 +253,7 @@ def lay_beads(
         (u_left, w_left), (u_right, w_right) = ends
         half = 0.5 * (u_right - u_left)
         chord = (w_right - w_left) / (2 * half)
-        meniscus = _pool_between_toes(model, half, chord, cosine, sine)
+        meniscus, falls = _pool_between_toes(model, half, chord, cosine, sine)
         x = u - 0.5 * (u_left + u_right)[:, None]
         inside = np.abs(x) < half[:, None]
         x = np.where(inside, x, 0.0)
@@ -265,12 +281,12 @@ def lay_beads(
         spare = np.maximum(0.5 * (toes[1] - toes[0] - NARROWEST_BEAD), 0.0)
         toes = toes + np.maximum(way, -spare) * np.array((-1.0, 1.0))[:, None]
     surface = np.where(inside, base + pressure[:, None] * even, w)
-    return LaidBeads(surface, u_left, u_right, contact.T)
+    return LaidBeads(surface, u_left, u_right, contact.T, falls)
 
 
 def _pool_between_toes(
     model: BeadModel, half: Array, chord: Array, cosine: Array, sine: Array
-) -> _Meniscus:
+) -> tuple[_Meniscus, Mask]:
     # Linearised about the chord: curvature is w'' / (1 + chord²)^1.5. What gravity does to a pool
     # that bulges is decided by its part square to the chord: hanging from a steep one is none.
     bending = (1 + chord**2) ** 1.5 / model.capillary_length**2
@@ -278,15 +294,11 @@ def _pool_between_toes(
     least = LEAST_STIFFNESS / half**2
     hangs = stiffness < -least
     root = np.sqrt(np.maximum(np.abs(stiffness), least))
-    if (hangs & (2 * root * half > STEEPEST_OVERHANG * pi)).any():
-        worst = float(np.max(np.where(hangs, 2 * half, 0.0)))
-        raise ConfigurationError(
-            f"a pool {1e3 * worst:.1f} mm wide would fall out of the overhead groove: lay narrower "
-            "beads there",
-            key="bead.weave_limit_mm",
-        )
+    holds = STEEPEST_OVERHANG * pi / (2 * half)
+    falls = hangs & (root > holds)
+    root = np.where(falls, holds, root)
     drive = (chord * cosine + sine) * bending
-    return _Meniscus(half[:, None], root[:, None], hangs[:, None], drive[:, None])
+    return _Meniscus(half[:, None], root[:, None], hangs[:, None], drive[:, None]), falls
 
 
 def _solid_angles(lengths: Array, u: Array, w: Array, toes: Array) -> Array:

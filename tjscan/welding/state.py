@@ -116,11 +116,17 @@ class WeldState:
         area: Array,
         factor: float = 1.0,
     ) -> WeldState:
-        """The state after one more bead; arguments as of `lay_beads` and `with_beads`."""
+        """The state after one more bead; arguments as of `lay_beads` and `with_beads`.
+
+        Raises
+        ------
+        ConfigurationError
+            If a pool would fall.
+        """
         laid = lay_beads(
             model, self.u, self.w, centre=centre, width=width, area=area, tilt=self.tilt, s=self.s
         )
-        return self.with_beads(laid, shrinkage, factor)
+        return self.with_beads(laid.held(), shrinkage, factor)
 
     def outline(self, s: float) -> Array:
         """Surface of the section at a length along the groove, shape (m, 2), metres."""

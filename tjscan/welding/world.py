@@ -201,7 +201,7 @@ class WeldWorld:
     def lay_shape(self, part: WeldState, centre: Array, width: Array, area: Array) -> LaidBeads:
         """Shape of the beads; a world of other equations has its own."""
         of_bead = {"centre": centre, "width": width, "area": area}
-        return lay_beads(self.model, part.u, part.w, **of_bead, tilt=part.tilt, s=part.s)
+        return lay_beads(self.model, part.u, part.w, **of_bead, tilt=part.tilt, s=part.s).held()
 
     def _lay(self, rows: Rows, s: Array, trace: TorchTrace) -> None:
         """Lay the bead at some stations, which the torch passed at lengths s along its way."""

@@ -122,6 +122,14 @@ class SimulatedWeld:
         number = min(arc - self.cut_arcs, len(self.job.passes) - 1)
         return self.planned or self.job.passes[number]
 
+    def torch_raised(self) -> float:
+        """By how much the torch is higher than its pass has it, metres."""
+        if not isinstance(self.torch, SimulatedTorchAxes) or not self.welded:
+            return 0.0
+        along, _ = self.torch_beside_joint()
+        here = self.pass_of_arc(len(self.welded) - 1).table.at(np.array(along))
+        return self.torch.z - float(here.height)
+
     def take_plan(self, planned: PassSettings) -> None:
         """Take in how the pass that comes next is welded."""
         self.planned = planned
@@ -257,7 +265,7 @@ def make_crawl_cell(
             for sample in way.tolist():
                 metal.burn(*sample)
             metal.end_arc(one)
-    power = _make_power_source(job, ask, clock)
+    power = _make_power_source(job, ask, clock, weld.torch_raised)
     if job.laser.driver_kind is not DriverKind.SIMULATED:
         laser = make_laser_without_arm(job.laser)
         return CrawlCell(vehicle, laser, registered, weld, power=power)
@@ -269,13 +277,17 @@ def make_crawl_cell(
 
 
 def _make_power_source(
-    job: CrawlJob, ask: Callable[[str], bool], clock: Callable[[], float]
+    job: CrawlJob,
+    ask: Callable[[str], bool],
+    clock: Callable[[], float],
+    raised: Callable[[], float] = float,
 ) -> PowerSource | None:
     """The power source of a job; None if the torch has an arc of its own."""
     if job.power is None:
         return None
     seed = 0 if job.simulation is None else job.simulation.seed
-    source: PowerSource = job.power.make_device(PowerDriverInputs(ask=ask, clock=clock, seed=seed))
+    inputs = PowerDriverInputs(ask=ask, clock=clock, raised=raised, seed=seed)
+    source: PowerSource = job.power.make_device(inputs)
     return source
 
 

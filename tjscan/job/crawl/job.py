@@ -269,14 +269,15 @@ class CrawlJob(StrictFileModel):
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield key and message of devices, course, passes and simulation that do not fit."""
-        for table in (self.vehicle, self.laser, self.torch):
+        for table in filter(None, (self.vehicle, self.laser, self.torch, self.power)):
             registry = table.registry
             if self.simulation is None and table.driver_kind is DriverKind.SIMULATED:
-                real = set(registry.names) - {table.driver, "replay"}
+                device = registry.device.replace("_", " ")
+                real = ", ".join(sorted(set(registry.names) - {table.driver, "replay"}))
                 yield (
                     "simulation",
-                    f"a simulated {registry.device} needs a [simulation] table; {registry.key} "
-                    f"names a real one: {', '.join(sorted(real))}",
+                    f"a simulated {device} needs a [simulation] table; {registry.key} names a real "
+                    f"one: {real}",
                 )
             if table.driver_kind is DriverKind.REPLAYED:
                 yield str(registry.key), "a crawl replays with tjscan crawl replay"
@@ -324,8 +325,16 @@ class CrawlJob(StrictFileModel):
         for number, one in enumerate(self.passes, start=1):
             if not np.isfinite(one.table.feed).all():
                 yield "pass", f"pass {number} states no feed_m_min, by which it is welded"
-        if not weld.layers:
-            return
+        if self.torch.driver == "none" and (weld.layers or weld.height is not None):
+            yield "torch.driver", "a plan, and the height by the current, need axes that move it"
+        if weld.layers:
+            yield from self._contradictions_of_layers()
+
+    def _contradictions_of_layers(self) -> Iterator[tuple[str, str]]:
+        """Of passes that are planned from looks."""
+        weld = self.weld
+        if self.method == "paper":
+            yield "weld.layers", "the paper's method reads no edges, from which passes are planned"
         if sum(weld.layers) != len(self.passes):
             yield (
                 "weld.layers",

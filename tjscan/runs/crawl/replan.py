@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError, CrawlStopped
+from tjscan.core.errors import ConfigurationError, CrawlStopped, LookRefused
 from tjscan.core.frames import Array, stretches_of_true_values
 from tjscan.core.robust import mad_sigma
 from tjscan.crawler.joint_tracking.registration import JointPlacement
@@ -21,6 +21,8 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.planning.crawl_passes import SEGMENT_LENGTH
 from tjscan.planning.wps import WeldingProcedure
+from tjscan.recording.journal import RunEvent
+from tjscan.runs.weld.journal import SURFACE_EVENT
 from tjscan.welding.look import (
     COLUMN_STEP,
     SurfaceLook,
@@ -29,6 +31,7 @@ from tjscan.welding.look import (
 )
 from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
+from tjscan.welding.target import surface_in_words
 
 LOOKING_PHASES: Final = (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT, Phase.RETURN)
 """The arc is out, and the vehicle goes along the joint."""
@@ -79,6 +82,7 @@ class CrawlPassPlanner:
     def __post_init__(self) -> None:
         length = self.job.weld.length
         self.s = np.linspace(0.0, length, 1 + max(2, ceil(length / STATION_STEP)))
+        self._closed = np.zeros(len(self.s))
 
     def see(self, cycle: CrawlCycle, placement: JointPlacement) -> None:
         """Take in a cycle's profile; see `JointLook.see`."""
@@ -97,6 +101,8 @@ class CrawlPassPlanner:
         places = np.sort([at for at, _, _ in self._seen])
         near = [np.searchsorted(places, self.s + side) for side in (-POOLED_LENGTH, POOLED_LENGTH)]
         unread = near[1] - near[0] < FEWEST_PROFILES
+        if not unread.all():
+            unread |= ~self._look().read if self._take_edges() else True
         spans = zip(*stretches_of_true_values(unread), strict=True)
         return max((STATION_STEP * (b - a) for a, b in spans), default=0.0)
 
@@ -108,22 +114,20 @@ class CrawlPassPlanner:
         LookRefused, CrawlStopped
             As `PassPlanner.plan_pass`; or if nothing shows the bare joint.
         """
+        if not self._take_edges():
+            raise CrawlStopped("not seen", "the joint's edges were not read along the weld")
+        look = self._look()
         if self.planner is None:
-            edges = self._edges_along_weld()
-            if not np.isfinite(edges).any():
-                raise CrawlStopped("not seen", "the joint's edges were not read along the weld")
-            self._toes_u = np.where(np.isfinite(edges), edges, np.nanmedian(edges, axis=0))
-            self._closed = np.zeros(len(self.s))
-            look = self._look()
+            if not (read := look.read).any():
+                raise LookRefused("nothing read", "no profile shows the groove between its edges")
+            # Between the sections that were read: what shows only the plates is no groove.
+            w = [np.interp(self.s, self.s[read], column[read]) for column in look.w.T]
             tilt = np.full(len(self.s), self.job.weld.tilt)
-            belief = WeldState.of_groove(self.s, look.u, look.w, self._toes_u, tilt)
+            belief = WeldState.of_groove(self.s, look.u, np.transpose(w), self._toes_u, tilt)
             self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
         else:
             if self._bead is not None and self._bead.number < laid:
                 self.planner.after_bead(self._bead)
-            closed = np.diff(self._toes_u - self._edges_along_weld(), axis=1)[:, 0]
-            self._closed = np.where(np.isfinite(closed), closed, self._closed)
-            look = self._look()
             u = np.tile(look.u, (len(self.s), 1))
             self.planner.take_look(u, look.w, look.sigma, look.read)
         self._seen.clear()
@@ -144,15 +148,42 @@ class CrawlPassPlanner:
         self.tell(with_rows(self.job.passes[number - 1], planned.table))
         return planned
 
+    def finish(self, laid: int) -> RunEvent:
+        """See `PassPlanner.finish`."""
+        try:
+            planner, look = self.take_look(laid)
+        except LookRefused as error:
+            return RunEvent(SURFACE_EVENT, str(error))
+        state = planner.belief.part(look.read)
+        text = surface_in_words(state, planner.order.cap_height, float(self.s[1]))
+        return RunEvent(SURFACE_EVENT, text)
+
     def replay(
-        self, numbers: Sequence[int], readings: Sequence[tuple[CrawlCycle, JointPlacement]]
+        self,
+        numbers: Sequence[int],
+        readings: Sequence[tuple[CrawlCycle, JointPlacement | None]],
     ) -> None:
-        """Take in what an interrupted crawl saw, and plan again what it planned and began."""
+        """Take in what an interrupted crawl saw, and plan again what it planned and began.
+
+        It began a pass where an arc was let burn, whether or not the joint was read there.
+        """
         for cycle, reading in readings:
             done = 0 if self._bead is None else self._bead.number + 1
             if cycle.arc and cycle.number in numbers and cycle.number > done:
                 self.plan_pass(cycle.number)
-            self.see(cycle, reading)
+            if reading is not None:
+                self.see(cycle, reading)
+
+    def _take_edges(self) -> bool:
+        """Take where the edges are now; False if they were not read while the joint was bare."""
+        edges = self._edges_along_weld()
+        if self.planner is None:
+            if not np.isfinite(edges).any():
+                return False
+            self._toes_u = np.where(np.isfinite(edges), edges, np.nanmedian(edges, axis=0))
+        closed = np.diff(self._toes_u - edges, axis=1)[:, 0]
+        self._closed = np.where(np.isfinite(closed), closed, self._closed)
+        return True
 
     def _edges_along_weld(self) -> Array:
         """Top edges at the stations, shape (n, 2), from the joint's centre; NaN where not read."""
@@ -191,7 +222,7 @@ class CrawlPassPlanner:
         return look_of_heights(self.s, (at, heights, noise), u, toes, POOLED_LENGTH)
 
     def _check_reach(self, bead: NextBead) -> None:
-        reach = self.job.torch.reach
+        reach = self.job.torch.reach - abs(self.job.torch.aside)
         farthest = float((np.abs(bead.tip[:, 0]) + 0.5 * bead.weave).max())
         if farthest > reach:
             raise CrawlStopped(
@@ -206,6 +237,7 @@ class CrawlPassPlanner:
         s = np.linspace(0.0, length, 1 + ceil(length / SEGMENT_LENGTH))
         offset = bead.tip[:, 0] - self._closed / 2  # from the centre as it is now
         rows = bead.speed, offset, bead.tip[:, 1], 0.5 * bead.weave, bead.feed, self._closed
+        speed, offset, height, weave, feed, closed = (np.interp(s, bead.s, row) for row in rows)
         return PlannedPass(
             bead.number + 1,
             unread,
@@ -215,7 +247,13 @@ class CrawlPassPlanner:
             None if deviation is None else deviation.value,
             None if deviation is None else deviation.sigma,
             s,
-            *(np.interp(s, bead.s, row) for row in rows),
+            speed,
+            offset,
+            height,
+            weave,
+            feed,
+            closed,
+            at_limit=float(bead.is_at_limit.mean()),
         )
 
 

@@ -265,6 +265,7 @@ def _look_and_arc(recorded: RecordedCrawl, number: int) -> dict[str, Any]:
     believed, measured = NumberSource.BELIEVED, NumberSource.MEASURED
     if (planned := recorded.planned.get(number)) is not None:
         seen = NumberSource.SIMULATED if recorded.places else measured
+        closed = None if planned.closed is None else float(planned.closed.mean())
         found["look_before"] = {
             "read": value_entry(1 - planned.unread, seen, NO_UNIT),
             "torch_deviation": value_entry(planned.deviation, seen, MM),
@@ -272,9 +273,11 @@ def _look_and_arc(recorded: RecordedCrawl, number: int) -> dict[str, Any]:
             "deposition_gain": value_entry(planned.gain, believed, NO_UNIT),
             "torch_offset": value_entry(planned.torch_offset, believed, MM),
             "shrinkage_factor": value_entry(planned.shrinkage, believed, NO_UNIT),
-            "closed": value_entry(planned.closed.mean(), seen, MM),
+            "closed": value_entry(closed, seen, MM),
             "speed_least": value_entry(planned.speed.min(), NumberSource.SET, MM_S),
             "speed_most": value_entry(planned.speed.max(), NumberSource.SET, MM_S),
+            "feed_mean": value_entry(planned.feed.mean(), NumberSource.SET, ARC_UNITS["feed"]),
+            "at_a_limit_of_the_wps": value_entry(planned.at_limit, believed, NO_UNIT),
         }
     if readings := [one for one in recorded.readings if one.number == number]:
         found["arc"] = {

@@ -104,7 +104,7 @@ SEEN_OFFSET: Final = 0.1e-3
 class AutomaticWeldOperator:
     """A `WeldOperator` of a simulation: everything is always ready."""
 
-    def confirm_weld(self, number: int, assumed: str) -> bool:
+    def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
         """Confirm at once."""
         return True
 
@@ -173,15 +173,13 @@ class CrawlContext(JobContext[CrawlJob]):
         return None if name is None else self.job_file.parent / name
 
     def check_arc(self) -> None:
-        """Refuse an arc that was not asked for in the very command, or without a WPS to read.
+        """Refuse an arc that was not asked for in the very command.
 
         Raises
         ------
         ConfigurationError
             With what is missing.
         """
-        if self.wps_file is not None:
-            read_wps(self.wps_file)
         if self.job.power is not None and not self.arc:
             raise ConfigurationError(
                 "names a power source, and it strikes no arc without --arc in the command: add it, "
@@ -334,6 +332,8 @@ def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, F
     """Make cell and method of a job that is sound, and the run directory."""
     with add_file_to_errors(context.job_file):
         check_sizing(context.job)
+        if context.wps_file is not None:
+            read_wps(context.wps_file)
         method = context.make_method()
         cell = make_crawl_cell(context.job, ask=context.ask)
         make_vehicle_run_directory(directory, context)
@@ -450,11 +450,14 @@ def resume_crawl(
 
 def _read_again(
     found: RecordedCrawl, reader: JointReader
-) -> Iterator[tuple[CrawlCycle, JointPlacement]]:
-    """Recorded cycles in whose profiles a reader finds the joint, with where it is."""
-    for cycle, profile in found.profiles:
-        with suppress(GrooveNotFound):
-            yield cycle, reader.read(profile, cycle.travel)
+) -> Iterator[tuple[CrawlCycle, JointPlacement | None]]:
+    """Recorded cycles, each with where a reader finds the joint if its profile shows it."""
+    for cycle in found.cycles:
+        placement = None
+        if cycle.profile is not None:
+            with suppress(GrooveNotFound):
+                placement = reader.read(cycle.profile, cycle.travel)
+        yield cycle, placement
 
 
 def look_at_finished_weld(directory: Path) -> tuple[WeldPlanner, SurfaceLook]:

@@ -84,9 +84,9 @@ sign of its angle's growth for `grows_x`."""
 LimitRows = NDArray[np.void]
 """Rows of `ROW_TYPE`, shape (R,)."""
 
-DRAGGED_PULL_SHARE: Final = 0.35
+DRAGGED_PULL_SHARE: Final = 0.4
 """Share of a vehicle's force with which the cable on either side of it may pull: both together
-leave it 30 %, of which a sound tow takes 9 for short times."""
+leave it a fifth."""
 
 SPARE_MARGIN: Final = 1e-6
 """Metres and radians added to every limit: what a solver may miss it by (`LEAST_KEPT_MARGIN`)."""

@@ -127,7 +127,7 @@ class TowingPlanner:
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
         planned to, or a link come nearer to something. Then the vehicle on one side of it stays
         where it was sent, or on both, or all but one, or all, and the welder waits. If even the way
-        to there leads astray, all stay where they are.
+        to there bends a joint too far, all stay where they are.
 
         Raises
         ------
@@ -149,8 +149,9 @@ class TowingPlanner:
             if not self._led_astray(limits, now, tried):
                 return tried
         links, angles = last.link_poses, last.angles
-        here = np.where(np.isfinite(inputs.poses), inputs.poses, sent)
-        return replace(plan, angles=angles, link_poses=links, held_poses=here, retreat=words)
+        if row["kind"] == LimitKind.JOINT:
+            sent = np.where(np.isfinite(inputs.poses), inputs.poses, sent)
+        return replace(plan, angles=angles, link_poses=links, held_poses=sent, retreat=words)
 
     def _led_astray(
         self, limits: LimitedProblem, now: CableEstimate, plan: TowingPlan
