@@ -75,8 +75,8 @@ def test_a_job_is_welded_pass_by_pass(job_file: Path, tmp_path: Path) -> None:
     assert [one["procedure"] for one in log["passes"]] == ["WPS-1", "WPS-2"]
     assert (log["stops"], log["bends_assumed"]) == ([], [])
     found = read_recorded_crawl(out)
-    last = next(one for one in reversed(found.cycles) if one.slip is not None)
-    bent = replace(last, slip=last.slip.with_bend((), 0.5))
+    slip = next(one.slip for one in reversed(found.cycles) if one.slip is not None)
+    bent = replace(found.cycles[-1], slip=slip.with_bend((), 0.5))
     (bend,) = weld_log(out, read_crawl_job(out / "job.toml"), replace(found, cycles=(bent,)))[
         "bends_assumed"
     ]
