@@ -1,6 +1,7 @@
 """Data that contradict themselves stop arc and vehicle, and the cause is named."""
 
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import replace
 from math import radians, sqrt
 from pathlib import Path
@@ -240,6 +241,28 @@ def test_a_joint_that_bends_is_told_from_tracks_that_slip_by_the_gyro(
             off = misfit if k > 100 else 0.0
             watch.inertial.add(VehicleState(0.02 * k, going, gyro=gyro), (off, 0.0), 0.02)
     assert caught.value.guard == guard
+
+
+@pytest.mark.parametrize(
+    ("gyro", "misfit", "bends"), [((), 0.0, 1), ((1e-3,), 0.0, 1), ((1e-3,), 4.0, 0)]
+)
+def test_a_bend_is_followed_unless_the_gyro_denies_it(
+    gyro: tuple[float, ...], misfit: float, bends: int
+) -> None:
+    watch, going = ContradictionWatch(TrackGeometry()), Twist(8e-3, 0)
+    rng, followed = np.random.default_rng(8), list[bool]()
+
+    def follow_bend() -> bool:
+        followed.append(True)
+        return True
+
+    with nullcontext() if bends else pytest.raises(CrawlStopped, match="track slips"):
+        for k in range(300):
+            off = 10e-6 * rng.standard_normal()
+            off += 0.0 if followed else 1e-6 * max(k - 100, 0)
+            watch.add(going, going, 0.02, groove(-off, rng), off, follow_bend=follow_bend)
+            watch.inertial.add(VehicleState(0.02 * k, going, gyro=gyro), (misfit, 0.0), 0.02)
+    assert len(followed) == bends
 
 
 @pytest.mark.parametrize(("name", "place"), [("gyro", 0), ("inclinometer", 1)])

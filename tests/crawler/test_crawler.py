@@ -1,8 +1,10 @@
 """The loop of a crawl, with devices that go wrong."""
 
+import re
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -118,13 +120,15 @@ def test_a_fault_under_the_arc_ends_arc_and_motion(
     assert sum(cycle.arc for cycle in notes.cycles) < 130
 
 
-@pytest.mark.parametrize("off", [2.5e-3, 6e-3])
-def test_little_knowledge_does_not_make_a_torch_far_off_aligned(off: float) -> None:
+@pytest.mark.parametrize(("off", "bends"), [(2.5e-3, []), (6e-3, []), (6e-3, [0.1, 0.7])])
+def test_little_knowledge_does_not_make_a_torch_far_off_aligned(
+    off: float, bends: list[float]
+) -> None:
     told: list[str] = []
     far = off > MOST_OFFSET_AT_REVERSAL
     crawler: Any = SimpleNamespace(
         _plan=SimpleNamespace(alignment=AlignmentSettings(offset_sigma=6e-3)),
-        _cycle=SimpleNamespace(travel=2.0, phase="forward"),
+        _cycle=SimpleNamespace(travel=2.0, phase="forward", bends=bends),
         _method=SimpleNamespace(torch=TorchEstimate(off, 5e-3, 0.0)),
         _report=lambda _, text: told.append(text),
     )
@@ -208,7 +212,7 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
     class SlowOperator:
         """Takes ten seconds of the vehicle's clock to answer."""
 
-        def confirm_weld(self, number: int, *, looks: bool = False) -> bool:
+        def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
             last = notes.cycles[-1]
             assert last.commanded == AT_REST
             assert abs(last.state.odometry.speed) < 1e-3
@@ -224,6 +228,46 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
         make_crawler(asked, cell, found.make_method(), notes).run()
     along = [cycle.travel for cycle in notes.cycles]
     assert max(abs(b - a) for a, b in pairwise(along)) < 1e-3
+
+
+def going_aside(of: int, profiles: list[Profile]) -> Profile:
+    """Go 3 mm to the right after a profile, within a second or two."""
+    into = min(max((len(profiles) - of) / (200 if of < 100 else 80), 0.0), 1.0)
+    return replace(profiles[-1], x_s=profiles[-1].x_s + 3e-3 * into**2 * (3 - 2 * into))
+
+
+@pytest.mark.parametrize(
+    ("after", "told", "guard"),
+    [
+        (40, r"assumed that the joint bends by .* mm to the right from 372 to 662 mm", "torch"),
+        (160, r"knocked .* It was assumed that the joint bends by .* from 372 to 662 mm", "knock"),
+    ],
+)
+def test_a_bend_is_told_as_an_assumption_at_ready_and_by_a_stop(
+    tmp_path: Path, after: int, told: str, guard: str
+) -> None:
+    (file := tmp_path / "short.toml").write_text(SHORT)
+    found, notes, asked = CrawlContext(read_crawl_job(file), file), Notes(), list[str]()
+    cell = make_crawl_cell(found.job)
+
+    class Refuses:
+        """Asked about a bend, and gives up."""
+
+        def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
+            asked.append(assumed)
+            raise CrawlStopped("torch", f"pass {number}")
+
+        def confirm_torch(self) -> bool:
+            return True
+
+    refusing, laser = replace(found, operator=Refuses()), cell.laser
+    devices = replace(cell, laser=WrongLaser(laser, partial(going_aside, after)))
+    with cell, pytest.raises(CrawlStopped) as caught:
+        make_crawler(refusing, devices, found.make_method(), notes).run()
+    assert caught.value.guard.startswith(guard)
+    assert any(re.search(told, text) for text in notes.texts)
+    assert [text for text in asked if not text.startswith("the joint bends by ")] == []
+    assert len(asked) == (guard == "torch")
 
 
 def test_it_says_what_it_waits_for(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tjscan.crawler.slip_aware import SlipAwareMethod, SteeringSettings
 from tjscan.crawler.slip_estimator import (
     BEND_REACH,
     BEND_SPACING,
@@ -20,6 +21,7 @@ from tjscan.crawler.slip_estimator import (
     propagate_state,
 )
 from tjscan.recording.topic import Topic
+from tjscan.vehicle.vehicle import Twist, VehicleState
 
 GEOMETRY, UNSURE = CrawlerGeometry(0.5, 0.0), SlipUncertainty()
 FIRST = SlipEstimate.before_any_reading(UNSURE)
@@ -55,6 +57,31 @@ def test_at_first_a_bend_goes_on_straight_but_for_a_step_at_each_place() -> None
     assert not P[:2].any()  # there it is on its course
     assert not one.P[:STATE_COUNT, STATE_COUNT:].any()
     assert not one.x[STATE_COUNT:].any()
+
+
+def test_it_is_told_where_the_joint_is_assumed_to_bend_and_how_far_aside() -> None:
+    assert FIRST.bends == []
+    two = FIRST.with_bend(FIRST.with_bend((), 0.5).bend, 1.0)
+    course = 1e-3 + 0.01 * np.array(two.bend)  # a straight line is no bend
+    course += [-kink(place - 0.2) for place in two.bend]
+    known = SlipEstimate(np.concatenate((two.x[:STATE_COUNT], course)), two.P, two.bend)
+    ((start, end, aside, sigma), (_, _, straight, _)) = known.bends
+    assert (start, end) == pytest.approx((0.35, 0.64))
+    assert aside == pytest.approx(-3e-3)
+    assert sigma > BEND_STEP
+    assert straight == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_contradiction_where_a_bend_is_known_is_no_other_bend() -> None:
+    method = SlipAwareMethod(GEOMETRY, FIRST, UNSURE, SteeringSettings())
+    assert method.follow_bend()
+    for _ in range(14):
+        assert not method.follow_bend()
+        assert len(method.slip.bend) == 30
+        method.move(VehicleState(0.0, Twist(0.01, 0.0)), 1.0, Twist(0.01, 0.0))
+    for _ in range(3):
+        method.move(VehicleState(0.0, Twist(0.01, 0.0)), 1.0, Twist(0.01, 0.0))
+    assert method.follow_bend()
 
 
 def test_a_second_bend_joins_the_first_and_between_them_it_is_straight() -> None:

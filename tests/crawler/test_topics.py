@@ -38,7 +38,7 @@ def test_slip_that_is_damaged_is_refused() -> None:
 
 def test_a_pass_of_a_program_that_stated_no_closing_is_read() -> None:
     row = np.zeros(2)
-    planned = PlannedPass(1, 0.0, 1.0, 0.0, 1.0, None, None, *[row] * 7)
+    planned = PlannedPass(1, 0.0, 1.0, 0.0, 1.0, None, None, row, row, row, row, row, row, row)
     written = json.loads(PLANNED_PASS_TOPIC.encode(planned))
     assert PLANNED_PASS_TOPIC.decode(json.dumps(written).encode()).closed is not None
     del written["closed"]

@@ -106,8 +106,10 @@ def test_millimetres_at_the_terminal_jog_and_are_no_consent(
     monkeypatch.setattr("questionary.text", ask)
     jog = TorchJog(3 * MM)
     operator = TerminalWeldOperator(jog)
-    assert [operator.confirm_weld(1) for _ in range(4)] == [False] * 4
-    assert not operator.confirm_weld(1, looks=True)
+    assert [operator.confirm_weld(1, "") for _ in range(3)] == [False] * 3
+    assert not operator.confirm_weld(1, "the joint bends")
+    assert "assumed that the joint bends: is it so?" in questions[3]
+    assert not operator.confirm_weld(1, "the joint bends", looks=True)
     assert "weld pass 1" in questions[3]
     assert "with the arc out" in questions[4]
     assert "weld pass 1" not in questions[4]

@@ -27,7 +27,7 @@ from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import next_recording_file
 from tjscan.runs.crawl.report import crawl_chapter
-from tjscan.runs.crawl.results import read_recorded_crawl
+from tjscan.runs.crawl.results import read_recorded_crawl, weld_log
 from tjscan.runs.crawl.run import (
     CrawlContext,
     find_start_after_stop,
@@ -73,7 +73,15 @@ def test_a_job_is_welded_pass_by_pass(job_file: Path, tmp_path: Path) -> None:
         assert float(row["profiles_read_percent"]) == 100
     log = json.loads((out / "weld-log.json").read_text())
     assert [one["procedure"] for one in log["passes"]] == ["WPS-1", "WPS-2"]
-    assert log["stops"] == []
+    assert (log["stops"], log["bends_assumed"]) == ([], [])
+    found = read_recorded_crawl(out)
+    slip = next(one.slip for one in reversed(found.cycles) if one.slip is not None)
+    bent = replace(found.cycles[-1], slip=slip.with_bend((), 0.5))
+    (bend,) = weld_log(out, read_crawl_job(out / "job.toml"), replace(found, cycles=(bent,)))[
+        "bends_assumed"
+    ]
+    assert bend["to"]["value"] - bend["from"]["value"] == pytest.approx(290)
+    assert {one["source"] for one in bend.values()} == {"believed"}
     (recording,) = log["recordings"]
     assert recording["sha256"] == sha256((out / recording["file"]).read_bytes()).hexdigest()
     report = (out / "report.html").read_text()

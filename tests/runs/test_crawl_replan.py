@@ -22,6 +22,7 @@ from tjscan.job.crawl.cell import SimulatedWeld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.planning.wps import read_wps
 from tjscan.runs.crawl.replan import CrawlPassPlanner
+from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import (
     CrawlContext,
@@ -127,6 +128,11 @@ def test_a_pass_is_planned_from_the_way_back_and_struck_at_rest(cut_short: Path)
     log = json.loads((cut_short / "weld-log.json").read_text())["passes"]
     assert log[1]["look_before"]["deposition_gain"]["source"] == "believed"
     assert log[0]["arc"]["current"]["source"] == "simulated"
+    set_speed = log[0]["length_mm"] * 1e-3 / log[0]["seconds"]  # neither gas nor crater counts
+    assert set_speed == pytest.approx(float(first.speed.mean()), rel=0.02)
+    names = [event.name for event in found.events]
+    assert names.count("welding") == 2  # the crawl's phase, and not that of its arc
+    assert "arc on" not in names
     assert 200 < log[0]["arc"]["current"]["value"] < 350
 
 
@@ -144,6 +150,12 @@ def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
     assert found.planned[2].speed == pytest.approx(before.planned[2].speed)
     assert found.planned[3].unread == 0.0
     assert found.planned[3].gain > 1.0
+    assert sum("% of it at a limit of the WPS" in one for one in found.details_of("planned")) > 0
+    (surface,) = found.details_of("finished surface")
+    assert "below the line between its toes" in surface
+    assert f"Finished surface: {surface}." in crawl_chapter(file.parent).findings
+    log = json.loads((file.parent / "weld-log.json").read_text())["passes"]
+    assert log[2]["look_before"]["at_a_limit_of_the_wps"]["value"] > 0
     planner, seen = look_at_finished_weld(file.parent)
     assert planner.done == 3
     assert seen.read.all()
@@ -238,6 +250,17 @@ def test_a_stretch_that_no_profile_shows_is_planned_as_its_neighbours(job_file: 
     planned = planner.plan_pass(1)
     assert planned.unread > 0
     np.testing.assert_allclose(planned.height, -0.016, atol=0.5e-3)
+
+
+def test_a_pass_that_was_begun_unread_is_planned_again(job_file: Path) -> None:
+    job = read_crawl_job(job_file)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    show(planner, job, np.arange(-0.036, 0.006, 1e-3))
+    state, torch = VehicleState(0.0, AT_REST), TorchEstimate(0.0, 0.0, 0.0)
+    struck = CrawlCycle(Phase.WELDING, 1, 0.0, state, AT_REST, torch, 0.0, 0.0, arc=True)
+    planner.replay([1], [(struck, None)])
+    assert planner.planner is not None
+    assert planner.unread_stretch() >= job.weld.length
 
 
 @pytest.mark.parametrize(("begin", "refused"), [(0.010, False), (-0.010, True)])

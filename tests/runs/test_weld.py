@@ -15,6 +15,7 @@ import pytest
 from command import tjscan
 from grooves import Groove, Noise, draw
 
+from tjscan.cli.output.weld import print_weld_log
 from tjscan.core.errors import ConfigurationError, WeldStopped
 from tjscan.core.frames import Array, pose
 from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
@@ -38,6 +39,7 @@ from tjscan.runs.weld.journal import (
     LookMessage,
     PlannedBeadMessage,
     WeldRecording,
+    name_of_bead,
     read_weld,
 )
 from tjscan.runs.weld.look import (
@@ -462,6 +464,21 @@ def planned(number: int, weldable: float = 1.0, *, dry: bool = False) -> Planned
     bead = replace(bead_along(bent_stations().s), number=number)
     values = {one.name: getattr(bead, one.name) for one in fields(NextBead)}
     return PlannedBeadMessage(**values, weldable=np.full(len(bead.s), weldable), dry=dry)
+
+
+def test_a_look_stands_beside_the_pass_that_it_follows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    order = [(0, "A"), (0, "B"), (1, "B"), (2, "B"), (2, "A"), (1, "A")]  # two beads in a layer
+    beads = [replace(planned(number), station=station) for number, station in order]
+    row, learnt = np.zeros(2), (1.0, 0.0, 1.0)
+    looks = [LookMessage(k, 0.0, row, row, row, row, 1e-3 * k, 1e-4, *learnt) for k in range(1, 7)]
+    monkeypatch.setattr("tjscan.runs.weld.results.read_weld", lambda directory: beads + looks)
+    print_weld_log(tmp_path, json=False)
+    shown = capsys.readouterr().err
+    for k, (number, station) in enumerate(order, start=1):
+        name = name_of_bead(number, station).removeprefix("bead ")
+        assert f"{k}.00 ± 0.10" in next(one for one in shown.splitlines() if name in one)
 
 
 def replayed(*messages: object) -> Weld:

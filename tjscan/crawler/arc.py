@@ -14,11 +14,14 @@ from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.power.height import ArcHeight, ArcHeightSettings
 from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
 from tjscan.power.source import PowerSetting, PowerSource
-from tjscan.recording.journal import Journal, event_recorder
+from tjscan.recording.journal import Journal, RunEvent
 from tjscan.vehicle.vehicle import AT_REST
 
 FEED_STEP: Final = 0.05 / 60
 """By which the wire feed must change for the source to be set again, m/s."""
+
+ARC_EVENT: Final = "arc"
+"""Name of the events of a power source's arc: its phases have names of phases of a crawl."""
 
 CYCLES_PER_READING: Final = 10
 """Cycles of an arc of which one's readings are recorded."""
@@ -63,7 +66,7 @@ class CrawlArc:
         if self.source is not None:
             path, height, self._feed = (float(x) for x in (here.offset, here.height, here.feed))
             self.cycle.come_to_rest(path, height)
-            sequence = ArcSequence(self.source, self.limits, event_recorder(self.journal))
+            sequence = ArcSequence(self.source, self.limits, self._report)
             sequence.begin(PowerSetting(self._feed), self.cycle.speed)
             self.cycle.set_arc(burning=True)
             self._rest_until(sequence, lambda: sequence.may_move, path, height)
@@ -120,6 +123,9 @@ class CrawlArc:
             if self.source is not None:
                 stack.callback(self.source.quench)
         self._sequence = None
+
+    def _report(self, phase: str, detail: str) -> None:
+        self.journal.record(RunEvent(ARC_EVENT, f"{phase}: {detail}"))
 
     def _rest_until(
         self, sequence: ArcSequence, done: Callable[[], bool], path: float, height: float

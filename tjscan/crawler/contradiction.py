@@ -402,7 +402,7 @@ class ContradictionWatch:
         *,
         filled: bool = False,
         follow_bend: Callable[[], bool] | None = None,
-    ) -> bool:
+    ) -> None:
         """Take in a cycle.
 
         Parameters
@@ -418,12 +418,8 @@ class ContradictionWatch:
         filled : bool, optional
             Whether the picture shows even steel: it can't show whether it moved.
         follow_bend : callable, optional
-            Takes the joint for one that bends here, and returns whether it does.
-
-        Returns
-        -------
-        bool
-            Whether the joint is taken for one that bends here, from now on.
+            Takes the joint for one that bends here, and returns whether it does; not asked if a
+            gyro shows that the tracks turn otherwise.
 
         Raises
         ------
@@ -444,23 +440,24 @@ class ContradictionWatch:
             )
         if late:
             self._forget_ways(commanded)
-            return False
+            return
         self._wheels.add(commanded, shown, period)
         if surprise is None:
             if not filled:
                 self._check_unread(profile)
-            return False
+            return
         self._surprises.append(surprise)
         sudden, lasting = self._readings.add(surprise, max(way, LEAST_WAY_PER_READING))
         self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
         if (sudden or lasting) and self._doubt is None:
             doubt = self._contradiction(surprise, shown.speed, profile)
-            if follow_bend is not None and doubt.guard in TURNING_GUARDS and follow_bend():
+            gyro_denies = BENDING_MISFIT < self.inertial.turn_misfit < inf
+            may_bend = doubt.guard in TURNING_GUARDS and not gyro_denies
+            if follow_bend is not None and may_bend and follow_bend():
                 self._forget_ways(commanded)
-                return True
+                return
             self._doubt = doubt
             self._settle_doubt(0.0)
-        return False
 
     def _settle_doubt(self, period: float) -> None:
         """Blame the tracks if the gyro turns otherwise; if it turns as they do, the joint bends."""

@@ -44,6 +44,10 @@ of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm.
 MOST_KEPT_PROFILES: Final = 10
 """Profiles that are kept."""
 
+MOST_BENDS: Final = 3
+"""How often the joint may be found to bend: what bends on and on has a radius, which the job must
+state, or is no joint that bends."""
+
 WIDTH_STATION_LENGTH: Final = 5e-3
 """Metres of the joint for which one mean width is kept."""
 
@@ -213,8 +217,8 @@ class ControlCycle:
         Along the joint as last measured, m/s.
     deviation : float
         Of the torch from its path, as estimated, metres.
-    bend_found : bool
-        Whether the joint was found to bend, so that it has to align again.
+    bends : list of float
+        Where the torch was when the joint was found to bend ahead, as `travel`.
     all_welded : bool
         Whether nothing is left to weld: the joint need not be seen then.
     """
@@ -235,7 +239,7 @@ class ControlCycle:
         self._states_at_one_time = 0
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
-        self.bend_found = False
+        self.bends: list[float] = []
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
@@ -249,7 +253,8 @@ class ControlCycle:
         where = f"pass {self.number} at {1e3 * self.travel:.1f} mm"
         if jog := self._devices.jog.offset:
             where += f", the torch jogged by {1e3 * jog:+.2f} mm"
-        self._journal.record(RunEvent("arc on" if burning else "arc off", where))
+        name = "arc" if self._devices.power is None else "enable"  # then the source strikes it
+        self._journal.record(RunEvent(f"{name} {'on' if burning else 'off'}", where))
 
     def drive(
         self, speed: float, path: float = 0.0, height: float = 0.0, *, turns_back: bool = False
@@ -348,7 +353,7 @@ class ControlCycle:
             self._watch.begin_again()
         else:
             aligns = self.phase in (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT)
-            self.bend_found |= self._watch.add(
+            self._watch.add(
                 twist,
                 state.odometry,
                 period,
@@ -370,12 +375,24 @@ class ControlCycle:
 
     def _follow_bend(self) -> bool:
         """Let the method take the joint for one that bends here; see `FollowingMethod`."""
-        if not self._method.follow_bend():
+        if len(self.bends) == MOST_BENDS or not self._method.follow_bend():
             return False
+        self.bends.append(self.travel)
         ahead = self.travel + self._devices.laser_to_torch
         where = f"the joint may bend about {1e3 * ahead:.0f} mm: it aligns again"
         self._journal.record(RunEvent(BEND_EVENT, where))
         return True
+
+    @property
+    def assumed(self) -> str:
+        """What is assumed of the joint because readings contradict a straight one."""
+        slip, told = self._method.slip, []
+        for start, end, aside, sigma in slip.bends if slip is not None else ():
+            where = [f"{1e3 * (self.travel + place):.0f}" for place in (start, end)]
+            by = f"{1e3 * abs(aside):.1f} ± {1e3 * sigma:.1f} mm"
+            side = "right" if aside > 0 else "left"
+            told.append(f"by {by} to the {side} from {' to '.join(where)} mm")
+        return f"the joint bends {' and '.join(told)}, and no track slips there" if told else ""
 
     def _period_until(self, time: float) -> float:
         """Seconds since the last state; none if it was at rest, and an operator was waited for."""

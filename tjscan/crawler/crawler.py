@@ -22,11 +22,11 @@ from tjscan.crawler.control_cycle import (
 )
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sections import LastView
-from tjscan.crawler.journal import SET_DOWN_EVENT, PlannedPass
+from tjscan.crawler.journal import SET_DOWN_EVENT, WARNING_EVENT, PlannedPass
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
 from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings, with_rows
-from tjscan.recording.journal import Journal, event_recorder
+from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
 TURN_BACK_WAY: Final = 0.5
@@ -61,9 +61,10 @@ REPORTED_WAIT: Final = 5.0
 class WeldOperator(Protocol):
     """Decides whether a pass may be welded."""
 
-    def confirm_weld(self, number: int, *, looks: bool = False) -> bool:
-        """Whether gas, wire and current are ready for a pass, and no one is in the way.
+    def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
+        """Whether gas, wire and current are ready for a pass, no one is in the way, and it is so.
 
+        What is assumed of the joint is empty if that is nothing.
         Of one that `looks`, with the arc out, before that pass: whether no one is in the way.
         """
 
@@ -85,6 +86,9 @@ class PassPlanner(JointLook, Protocol):
         LookRefused
             If that can't be this joint as it is now.
         """
+
+    def finish(self, laid: int) -> RunEvent:
+        """Event that says what was seen since the last pass, of so many, that was laid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,7 +273,13 @@ class Crawler:
         self._wait_for_joint()
         if resumed is None:
             cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
-            self._align(home)
+            try:
+                self._align(home)
+            except CrawlStopped as stop:
+                if not cycle.bends:
+                    raise
+                reason = f"{stop.reason}. It was assumed that {cycle.assumed}"
+                raise CrawlStopped(stop.guard, reason) from stop
             cycle.enter(Event.AT_START, "back at the start")
         else:
             if start.last_view is not None:
@@ -279,6 +289,8 @@ class Crawler:
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
             cycle.enter(Event.PASSES_LEFT, where)
+        if cycle.assumed:
+            self._report(WARNING_EVENT, f"it is assumed that {cycle.assumed}")
         for number in range(start.passes_done + 1, len(self._plan.passes) + 1):
             cycle.number = number
             goes_on = start.arc_from if number == start.passes_done + 1 else 0.0
@@ -286,6 +298,9 @@ class Crawler:
             left = len(self._plan.passes) - number
             cycle.all_welded = not left
             self._go_back(home)
+            if self._plan.planner is not None and not left:
+                cycle.come_to_rest()
+                self._journal.record(self._plan.planner.finish(number))
             cycle.enter(
                 Event.PASSES_LEFT if left else Event.ALL_WELDED,
                 f"back at the start, {left or 'no'} {'pass' if left == 1 else 'passes'} left",
@@ -310,12 +325,12 @@ class Crawler:
         cycle = self._cycle
         while True:
             self._align_forward(home)
-            cycle.bend_found = False
+            known = len(cycle.bends)
             cycle.enter(Event.ALIGNED, "the torch is above the joint")
             cycle.come_to_rest()
-            while cycle.travel > home and not cycle.bend_found:
+            while cycle.travel > home and len(cycle.bends) == known:
                 self._drive_back(home)
-            if not cycle.bend_found:
+            if len(cycle.bends) == known:
                 return
             cycle.enter(Event.JOINT_BENDS, "the joint bends")
             cycle.come_to_rest()
@@ -325,7 +340,8 @@ class Crawler:
         alignment = self._plan.alignment
         while True:
             out, torch = self._cycle.travel - home, self._method.torch
-            is_long = out >= alignment.longest  # then only a reversal can show more
+            since = self._cycle.travel - max([home, *self._cycle.bends[-1:]])
+            is_long = since >= alignment.longest  # then only a reversal can show more
             doubt = min(2 * torch.sigma, MOST_OFFSET_AT_REVERSAL) * is_long
             known = torch.sigma <= alignment.offset_sigma
             off = abs(torch.offset)
@@ -370,6 +386,7 @@ class Crawler:
             )
         planned = planner.plan_pass(number)
         self._journal.record(planned)
+        self._report("planned", planned.text)
         return with_rows(one, planned.table)
 
     def _look_along(self, number: int) -> None:
@@ -407,7 +424,8 @@ class Crawler:
     def _confirm_weld(self, path: float = 0.0, height: float = 0.0, *, looks: bool = False) -> None:
         """Wait for the operator at rest: he takes his time, and no guard looks meanwhile."""
         self._cycle.come_to_rest()
-        while not self._operator.confirm_weld(self._cycle.number, looks=looks):
+        number, assumed = self._cycle.number, self._cycle.assumed
+        while not self._operator.confirm_weld(number, assumed, looks=looks):
             self._cycle.come_to_rest(path, height)
 
     def _run_up_to_strike(self, first: BeadSegments, arc_from: float) -> None:

@@ -140,6 +140,8 @@ class PlannedPass:
         Rows along the weld; see `BeadSegments`.
     closed : ndarray, shape (n,), optional
         How far the joint has closed since it was bare, metres; older programs did not state it.
+    at_limit : float, optional
+        Share of the weld on which a limit of the WPS leaves more than a little to later passes.
     """
 
     number: int
@@ -156,11 +158,22 @@ class PlannedPass:
     weave: Array
     feed: Array
     closed: Array | None = None
+    at_limit: float | None = None
 
     @property
     def table(self) -> BeadSegments:
         """Its rows."""
         return BeadSegments(self.s, self.speed, self.offset, self.height, self.weave, self.feed)
+
+    @property
+    def text(self) -> str:
+        """What it is, in words."""
+        speed, feed = 1e3 * self.speed, 60 * self.feed
+        limit = "" if not self.at_limit else f", {self.at_limit:.0%} of it at a limit of the WPS"
+        return (
+            f"pass {self.number} at {speed.min():.1f} to {speed.max():.1f} mm/s, wire feed "
+            f"{feed.min():.1f} to {feed.max():.1f} m/min{limit}; {1 - self.unread:.0%} was read"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,8 +84,8 @@ class FollowingMethod(Protocol):
         Returns
         -------
         bool
-            Whether it does so: not if it bends over too long a way, or the method knows straight
-            joints alone.
+            Whether it does so: not if it is known to bend there, for then something else is wrong,
+            or if the method knows straight joints alone.
         """
 
     def keep_state(self) -> None:

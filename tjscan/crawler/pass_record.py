@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 from math import nan
 from typing import Final
 
@@ -13,6 +13,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.torch_trace import TorchTrace
+from tjscan.vehicle.vehicle import AT_REST
 
 PASS_END: Final = 0.1
 """Seconds before a pass ends, from which one that was cut off is whole."""
@@ -29,7 +30,7 @@ class PassRecord:
     arcs : tuple of (float, float)
         From where to where the arc burned, along the weld, metres; several after a stop.
     seconds : float
-        For which it burned.
+        For which it burned and the torch moved: at rest gas flows, it ignites, fills the crater.
     travel, offset, sigma : ndarray, shape (n,)
         While the arc burned: place along the weld, offset of the vehicle from the joint as
         estimated then, and its standard deviation; metres.
@@ -146,7 +147,12 @@ def _record_pass(
     ]
     travel, offset, sigma, was_read, jog = np.array(rows, dtype=float).T
     arc_spans = tuple((arc[0].travel, arc[-1].travel) for arc in arcs)
-    seconds = sum(arc[-1].state.time - arc[0].state.time for arc in arcs)
+    seconds = sum(
+        after.state.time - before.state.time
+        for arc in arcs
+        for before, after in pairwise(arc)
+        if after.commanded != AT_REST
+    )
     read_share, known = float(was_read.mean()), np.reshape(truth, (-1, 4)).T
     farthest = float(jog[np.abs(jog).argmax()])
     torch = [

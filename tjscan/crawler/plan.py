@@ -37,7 +37,8 @@ class AlignmentSettings(SettingsTable):
     return_speed : float
         Back to the start, before the first pass and after each, m/s.
     length, longest : float
-        It goes out as far as `length`, and on up to `longest` until it is aligned; metres.
+        It goes out as far as `length`, and on up to `longest` until it is aligned; metres. From
+        where the joint was found to bend, `longest` counts from zero.
     offset, offset_sigma : float
         Aligned is a torch within `offset` of the joint, known to `offset_sigma`; metres.
     in_view : float

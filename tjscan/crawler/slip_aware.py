@@ -13,9 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.core.units import MM, PER_M, SettingsTable
 from tjscan.crawler.method import OffsetEstimate, TorchEstimate
 from tjscan.crawler.slip_estimator import (
-    BEND_REACH,
     BEND_SPACING,
-    MOST_BEND_PLACES,
     RIPPLE_STATES,
     SETTLING_LENGTH,
     CrawlerGeometry,
@@ -249,10 +247,10 @@ class SlipAwareMethod:
 
     def follow_bend(self) -> bool:
         """Take the joint for one that bends here; see `FollowingMethod.follow_bend`."""
-        if len(self.slip.bend) > MOST_BEND_PLACES - 2 * BEND_REACH / BEND_SPACING:
-            return False
         bend, first = self.slip.bend, self._first.at_new_start(self._uncertainty)
         geometry = self._estimator.geometry
+        if any(abs(one - geometry.laser_to_torch) < BEND_SPACING for one in bend):
+            return False
         known = first.with_bend(bend, geometry.laser_to_torch)
         self._estimator = SlipEstimator(geometry, known, self._uncertainty)
         return True

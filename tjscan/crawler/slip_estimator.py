@@ -326,10 +326,9 @@ what it is asked for, and a gyro's noise is small by then."""
 LONGEST_INCLINOMETER_LAG: Final = 1.0
 """Seconds: none is damped for longer, and none is ahead of the turn."""
 
-BEND_REACH, BEND_SPACING, MOST_BEND_PLACES = 0.15, 10e-3, 100
-"""Metres to either side of where a bend showed within which the joint may bend, metres between the
-places there at which it is estimated, and how many there are at most: what bends for longer has a
-radius, which the job must state."""
+BEND_REACH, BEND_SPACING = 0.15, 10e-3
+"""Metres to either side of where a bend showed within which the joint may bend, and metres between
+the places there at which it is estimated."""
 
 BEND_STEP, STRAIGHT_STEP = 0.2e-3, 0.02e-3
 """Metres by which the joint may be off the straight line through the last two places, as standard
@@ -454,6 +453,24 @@ class SlipEstimate:
         shares[SlipStateIndex.OFFSET] = 1.0
         shares[STATE_COUNT:] = -bend_shares(self.bend, 0.0)
         return shares
+
+    @property
+    def bends(self) -> list[tuple[float, float, float, float]]:
+        """From where to where along the joint it bends; how far aside, and its sigma; metres each.
+
+        That is the farthest to the right of the straight line through the bend's first two places.
+        """
+        found, ends = [], np.flatnonzero(np.diff(self.bend) > 2 * BEND_SPACING) + 1
+        for k in np.split(np.arange(len(self.bend)), ends) if self.bend else ():
+            at, own = np.array(self.bend)[k], STATE_COUNT + k
+            along = (at - at[0]) / (at[1] - at[0])
+            shares = np.eye(len(k))
+            shares[:, 0] -= 1 - along
+            shares[:, 1] -= along
+            aside, P = shares @ self.x[own], shares @ self.P[np.ix_(own, own)] @ shares.T
+            far = int(np.abs(aside).argmax())
+            found.append((at[0], at[-1], float(aside[far]), sqrt(max(P[far, far], 0.0))))
+        return found
 
     def beside_joint(self, geometry: CrawlerGeometry) -> Array:
         """State as it is against the joint where the torch is, and not against its course, (n,).

@@ -10,6 +10,9 @@ from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.welding.bead import column_widths
 from tjscan.welding.state import WeldState
 
+SAG_WORTH_SAYING: Final = 0.5e-3
+"""Below the line between the toes of a finished weld, metres."""
+
 HALVING_STEPS: Final = 30
 """To find a layer's top: 30 halvings of 60 mm leave a nanometre."""
 
@@ -53,6 +56,21 @@ class WeldTarget:
         between = (share > 0) & (share < 1)
         cap = cap_height * np.hypot(1, slope)[:, None] * 4 * share * (1 - share)
         return cls(chord, chord + np.where(between, cap, 0.0), slope, between)
+
+
+def surface_in_words(state: WeldState, cap_height: float, step: float) -> str:
+    """How far a finished surface, read at stations a step apart, metres, lies off its target."""
+    target = WeldTarget.over(state, cap_height)
+    upright = np.hypot(1, target.slope)
+    below = np.where(target.between, target.chord - state.w, 0.0).max(axis=1) / upright
+    over = np.where(target.between, state.w - target.top, 0.0).max(axis=1) / upright
+    step *= 1e3
+    return (
+        f"up to {1e3 * over.max():.1f} mm over its target, up to {1e3 * below.max():.1f} mm "
+        f"below the line between its toes, and by more than {1e3 * SAG_WORTH_SAYING:g} mm on "
+        f"{step * (below > SAG_WORTH_SAYING).sum():.0f} mm of the {step * len(below):.0f} mm "
+        "that were read"
+    )
 
 
 def remaining_area(state: WeldState, target: WeldTarget) -> Array:

@@ -43,12 +43,14 @@ class TerminalWeldOperator:
     def __init__(self, jog: TorchJog) -> None:
         self._jog = jog
 
-    def confirm_weld(self, number: int, *, looks: bool = False) -> bool:
+    def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
         """Ask once before a pass; Ctrl-C stops the crawler instead."""
         if looks:
             way = "The way clear of people: drive along the weld and back with the arc out"
             return self._confirm(f"{way}, to see it before pass {number}?")
         ready = "Gas, wire and current ready, and the way clear of people"
+        if assumed:
+            ready = f"It is assumed that {assumed}: is it so? {ready}"
         return self._confirm(f"{ready}: weld pass {number}?")
 
     def confirm_torch(self) -> bool:

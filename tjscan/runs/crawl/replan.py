@@ -21,6 +21,8 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.planning.crawl_passes import SEGMENT_LENGTH
 from tjscan.planning.wps import WeldingProcedure
+from tjscan.recording.journal import RunEvent
+from tjscan.runs.weld.journal import SURFACE_EVENT
 from tjscan.welding.look import (
     COLUMN_STEP,
     SurfaceLook,
@@ -29,6 +31,7 @@ from tjscan.welding.look import (
 )
 from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
+from tjscan.welding.target import surface_in_words
 
 LOOKING_PHASES: Final = (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT, Phase.RETURN)
 """The arc is out, and the vehicle goes along the joint."""
@@ -145,15 +148,31 @@ class CrawlPassPlanner:
         self.tell(with_rows(self.job.passes[number - 1], planned.table))
         return planned
 
+    def finish(self, laid: int) -> RunEvent:
+        """See `PassPlanner.finish`."""
+        try:
+            planner, look = self.take_look(laid)
+        except LookRefused as error:
+            return RunEvent(SURFACE_EVENT, str(error))
+        state = planner.belief.part(look.read)
+        text = surface_in_words(state, planner.order.cap_height, float(self.s[1]))
+        return RunEvent(SURFACE_EVENT, text)
+
     def replay(
-        self, numbers: Sequence[int], readings: Sequence[tuple[CrawlCycle, JointPlacement]]
+        self,
+        numbers: Sequence[int],
+        readings: Sequence[tuple[CrawlCycle, JointPlacement | None]],
     ) -> None:
-        """Take in what an interrupted crawl saw, and plan again what it planned and began."""
+        """Take in what an interrupted crawl saw, and plan again what it planned and began.
+
+        It began a pass where an arc was let burn, whether or not the joint was read there.
+        """
         for cycle, reading in readings:
             done = 0 if self._bead is None else self._bead.number + 1
             if cycle.arc and cycle.number in numbers and cycle.number > done:
                 self.plan_pass(cycle.number)
-            self.see(cycle, reading)
+            if reading is not None:
+                self.see(cycle, reading)
 
     def _take_edges(self) -> bool:
         """Take where the edges are now; False if they were not read while the joint was bare."""
@@ -218,6 +237,7 @@ class CrawlPassPlanner:
         s = np.linspace(0.0, length, 1 + ceil(length / SEGMENT_LENGTH))
         offset = bead.tip[:, 0] - self._closed / 2  # from the centre as it is now
         rows = bead.speed, offset, bead.tip[:, 1], 0.5 * bead.weave, bead.feed, self._closed
+        speed, offset, height, weave, feed, closed = (np.interp(s, bead.s, row) for row in rows)
         return PlannedPass(
             bead.number + 1,
             unread,
@@ -227,7 +247,13 @@ class CrawlPassPlanner:
             None if deviation is None else deviation.value,
             None if deviation is None else deviation.sigma,
             s,
-            *(np.interp(s, bead.s, row) for row in rows),
+            speed,
+            offset,
+            height,
+            weave,
+            feed,
+            closed,
+            at_limit=float(bead.is_at_limit.mean()),
         )
 
 

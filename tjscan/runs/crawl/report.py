@@ -20,6 +20,7 @@ from tjscan.recording.journal import REPLAY_EVENT
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
+from tjscan.runs.weld.journal import SURFACE_EVENT
 
 MOST_CHART_POINTS: Final = 2000
 """Of a line in a chart."""
@@ -94,6 +95,7 @@ def _crawl_findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
             )
         if (sigma := root_mean_square(one.torch_sigma)) > LARGEST_TORCH_OFF:
             yield f"Where the torch was in pass {one.number} is known to {1e3 * sigma:.2f} mm only."
+    yield from _plan_findings(found)
     phases = [event.name for event in found.events if event.name in set(Phase)]
     if found.passes and phases[-1] not in (Phase.MANUAL, Phase.STOP):
         yield (
@@ -106,6 +108,15 @@ def _crawl_findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
         yield f"{warning[:1].upper()}{warning[1:]}."
     for reason in found.details_of(Phase.STOP):
         yield f"It was stopped: {reason}"
+
+
+def _plan_findings(found: RecordedCrawl) -> Iterator[str]:
+    for number, planned in sorted(found.planned.items()):
+        if planned.at_limit:
+            share = f"{planned.at_limit:.0%} of pass {number}"
+            yield f"{share} is at a limit of the WPS: what is missing is left to later passes."
+    for detail in found.details_of(SURFACE_EVENT)[-1:]:
+        yield f"Finished surface: {detail}."
 
 
 def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:

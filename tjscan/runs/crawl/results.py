@@ -211,6 +211,7 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
         "joint": weld.joint,
         "welder": weld.welder,
         "job": job_label_of_run(directory),
+        "bends_assumed": _bends_assumed(recorded),
         "recordings": [
             {"file": file.name, "sha256": sha256(file.read_bytes()).hexdigest()}
             for file in recording_files(directory, CRAWL_RECORDING)
@@ -240,6 +241,24 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
     }
 
 
+def _bends_assumed(recorded: RecordedCrawl) -> list[dict[str, Any]]:
+    """Where the joint was taken to bend at last, with how far aside: no person stated it."""
+    known = [(one.travel, one.slip) for one in recorded.cycles if one.slip is not None]
+    return [
+        {
+            name: value_entry(number, NumberSource.BELIEVED, MM)
+            for name, number in (
+                ("from", travel + start),
+                ("to", travel + end),
+                ("aside", aside),
+                ("aside_sigma", sigma),
+            )
+        }
+        for travel, slip in known[-1:]
+        for start, end, aside, sigma in slip.bends
+    ]
+
+
 def _look_and_arc(recorded: RecordedCrawl, number: int) -> dict[str, Any]:
     """What a pass was planned from, and what its power source reported; each with its source."""
     found: dict[str, Any] = {}
@@ -257,6 +276,8 @@ def _look_and_arc(recorded: RecordedCrawl, number: int) -> dict[str, Any]:
             "closed": value_entry(closed, seen, MM),
             "speed_least": value_entry(planned.speed.min(), NumberSource.SET, MM_S),
             "speed_most": value_entry(planned.speed.max(), NumberSource.SET, MM_S),
+            "feed_mean": value_entry(planned.feed.mean(), NumberSource.SET, ARC_UNITS["feed"]),
+            "at_a_limit_of_the_wps": value_entry(planned.at_limit, believed, NO_UNIT),
         }
     if readings := [one for one in recorded.readings if one.number == number]:
         found["arc"] = {

@@ -104,7 +104,7 @@ SEEN_OFFSET: Final = 0.1e-3
 class AutomaticWeldOperator:
     """A `WeldOperator` of a simulation: everything is always ready."""
 
-    def confirm_weld(self, number: int, *, looks: bool = False) -> bool:
+    def confirm_weld(self, number: int, assumed: str, *, looks: bool = False) -> bool:
         """Confirm at once."""
         return True
 
@@ -450,11 +450,14 @@ def resume_crawl(
 
 def _read_again(
     found: RecordedCrawl, reader: JointReader
-) -> Iterator[tuple[CrawlCycle, JointPlacement]]:
-    """Recorded cycles in whose profiles a reader finds the joint, with where it is."""
-    for cycle, profile in found.profiles:
-        with suppress(GrooveNotFound):
-            yield cycle, reader.read(profile, cycle.travel)
+) -> Iterator[tuple[CrawlCycle, JointPlacement | None]]:
+    """Recorded cycles, each with where a reader finds the joint if its profile shows it."""
+    for cycle in found.cycles:
+        placement = None
+        if cycle.profile is not None:
+            with suppress(GrooveNotFound):
+                placement = reader.read(cycle.profile, cycle.travel)
+        yield cycle, placement
 
 
 def look_at_finished_weld(directory: Path) -> tuple[WeldPlanner, SurfaceLook]:

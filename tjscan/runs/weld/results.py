@@ -69,7 +69,8 @@ class RecordedWeld:
     Parameters
     ----------
     beads : tuple of PlannedBeadMessage
-        As planned last, one a bead and station; by a dry run where nothing else planned them.
+        As planned last, one a bead and station, in the order welded; by a dry run where nothing
+        else planned them.
     arcs, stretches, looks, events : tuple
         In their order.
     """
@@ -96,7 +97,7 @@ def read_recorded_weld(directory: Path) -> RecordedWeld:
     kinds: dict[type, list[Any]] = {}
     for message in read_weld(directory):
         kinds.setdefault(type(message), []).append(message)
-    planned = sorted(kinds.get(PlannedBeadMessage, []), key=lambda one: (one.number, not one.dry))
+    planned = sorted(kinds.get(PlannedBeadMessage, []), key=lambda one: not one.dry)
     beads = tuple({(bead.number, bead.station): bead for bead in planned}.values())
     others = (ArcMessage, ArcStretchMessage, LookMessage, RunEvent)
     return RecordedWeld(beads, *(tuple(kinds.get(kind, ())) for kind in others))

@@ -68,7 +68,7 @@ from tjscan.scanning.stopping import StopRequest
 from tjscan.welding.look import COLUMN_STEP, SurfaceLook
 from tjscan.welding.replan import BeadOrder, GroovePart, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
-from tjscan.welding.target import WeldTarget
+from tjscan.welding.target import surface_in_words
 from tjscan.welding.world import TorchTrace, WeldWorld
 
 SCAN_DIRECTORY: Final = "scan"
@@ -79,9 +79,6 @@ RAY_HEIGHT: Final = 60e-3
 
 SHORTEST_ARC: Final = 20e-3
 """A shorter stretch between two that were not read is not welded, metres."""
-
-SAG_WORTH_SAYING: Final = 0.5e-3
-"""Below the line between the toes of a finished weld, metres."""
 
 IGNITION_SHIFT: Final = 2e-3
 """Farther on along the bead a second ignition is tried, metres."""
@@ -435,18 +432,8 @@ class Weld:
             read[self.arms[name].part.rows[readable]] = True
         if self.planner is None or not read.any():
             return "the last look did not read it"
-        state = self.planner.belief.part(read)
-        target = WeldTarget.over(state, self.order.cap_height)
-        upright = np.hypot(1, target.slope)
-        below = np.where(target.between, target.chord - state.w, 0.0).max(axis=1) / upright
-        over = np.where(target.between, state.w - target.top, 0.0).max(axis=1) / upright
-        step = 1e3 * float(self.stations.s[1])
-        return (
-            f"up to {1e3 * over.max():.1f} mm over its target, up to {1e3 * below.max():.1f} mm "
-            f"below the line between its toes, and by more than {1e3 * SAG_WORTH_SAYING:g} mm on "
-            f"{step * (below > SAG_WORTH_SAYING).sum():.0f} mm of the {step * len(below):.0f} mm "
-            "that were read"
-        )
+        state, step = self.planner.belief.part(read), float(self.stations.s[1])
+        return surface_in_words(state, self.order.cap_height, step)
 
     def replay(self, message: object) -> None:
         """Take in what was recorded before a stop."""
