@@ -358,6 +358,12 @@ def corners_seen_from_both_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
     return np.asarray(gaps_beside_corners(fitted).max(axis=1) < MEETING_REACH)
 
 
+def _is_on_sides(fitted: FittedProfile, points: Array, i: int) -> bool:
+    """Whether points lie on a side beside corner i, drawn on: light of two bounces does not."""
+    away = [np.median(np.abs(c.signed_distances(points))) for c in fitted.curves[i : i + 2]]
+    return bool(min(away) < THICKEST_SCALE)
+
+
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
@@ -381,6 +387,8 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
         for i, corner in enumerate(fitted.corners):
             away = fit.row.points[a:b] - corner
             ends = np.hypot(*away[[0, -1]].T)
+            if not (joined or _is_on_sides(fitted, fit.row.points[a:b], i)):
+                continue
             if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
                 # A bead behind which steel is seen at one end is not there at the other, either.
                 behind = joined and fitted.residuals[a] > 0
