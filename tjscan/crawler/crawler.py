@@ -378,9 +378,11 @@ class Crawler:
         if planner is None or cut_short:
             return one
         self._cycle.come_to_rest()  # seconds without a cycle follow
-        if planner.unread_stretch() > LONGEST_UNREAD_STRETCH:
-            self._look_along(number)
         if (unread := planner.unread_stretch()) > LONGEST_UNREAD_STRETCH:
+            self._look_along(number)
+            self._cycle.come_to_rest()
+            unread = planner.unread_stretch()
+        if unread > LONGEST_UNREAD_STRETCH:
             raise CrawlStopped(
                 "not seen", f"{1e3 * unread:.0f} mm of the weld were not read, and not planned"
             )
