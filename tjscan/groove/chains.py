@@ -27,11 +27,7 @@ from tjscan.groove.candidates import (
 )
 from tjscan.groove.pieces import ProjectivePoints
 from tjscan.groove.reflections import PointRuns
-from tjscan.groove.settings import (
-    LEAST_FACE_TURN,
-    GrooveModel,
-    SideModel,
-)
+from tjscan.groove.settings import LEAST_FACE_TURN, GrooveModel, SideModel
 from tjscan.groove.sides import Index, Polyline
 
 FEWEST_INNER_POINTS: Final = 2.8

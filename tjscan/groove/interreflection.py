@@ -18,12 +18,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.settings import FACE_BLUNTNESS, GrooveModel
-from tjscan.groove.sides import (
-    LEAST_NOISE,
-    OUTLIER_SIGMAS,
-    CubicCurve,
-    FittedProfile,
-)
+from tjscan.groove.sides import LEAST_NOISE, OUTLIER_SIGMAS, CubicCurve, FittedProfile
 from tjscan.laser.profile import Profile
 
 TRIED_NOTCH_PULLS: Final = 1e-3 * np.array(

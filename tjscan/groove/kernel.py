@@ -17,12 +17,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.settings import SideModel
-from tjscan.groove.sides import (
-    SCALING_LENGTH,
-    CubicCurve,
-    FittedProfile,
-    Polyline,
-)
+from tjscan.groove.sides import SCALING_LENGTH, CubicCurve, FittedProfile, Polyline
 from tjscan.laser.profile import Profile
 
 KERNEL_VERSION: Final = 5

@@ -17,6 +17,7 @@ from tjscan.groove.reflections import (
     MOST_REFLECTION_PROBABILITY,
     SHARE_ENDING_AT_SURFACE,
     count_points_seen_through_face,
+    find_runs,
     gaps_beside_corners,
     is_outnumbered,
     reflection_probability,
@@ -34,7 +35,6 @@ from tjscan.groove.sides import (
     end_of_support,
     intersect_curves,
 )
-from tjscan.groove.weld import find_toe, weld_surface
 from tjscan.laser.profile import Profile
 
 OPEN_ROOT: Final = "open root"
@@ -86,6 +86,24 @@ HOLLOW_SIGMA_SHARE: Final = 0.1
 parabola."""
 
 
+TOE_REACH: Final = 2.5e-3
+"""Points of a weld this near its toe, in metres, show how it meets the flank."""
+
+FEWEST_TOE_POINTS: Final = 4
+
+LEAST_TOE_SIGMA: Final = 0.03e-3
+"""Least standard deviation of a toe along its flank, in metres: no bead begins as a line."""
+
+SEEN_TOE_DISTANCE: Final = 0.5e-3
+"""A flank that is seen up to its toe ends no farther from it, in metres."""
+
+UNSEEN_TOE_SIGMA: Final = 5e-3
+"""The same if too few points show it."""
+
+SURFACE_REACH: Final = 1.5e-3
+"""Points this near a fitted weld, in metres, are of its surface: beads leave it by a millimetre."""
+
+
 def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
     """Read the section of a fitted tee: its corners p2, p3 and p4, and what is found at its root.
 
@@ -100,13 +118,14 @@ def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSect
     """
     bare = without_seam_cap(fit.fitted)
     seam = () if bare is fit.fitted else (SEAM_BESIDE,)
-    if seam:
-        fit = replace(fit, fitted=bare)
+    fit = replace(fit, fitted=bare) if seam else fit
     if fit.model.name == TEE_PARTLY_FILLED.name:
-        return _section_over_weld(fit, covariance, seam)
-    if fit.model.has_root_bead:
-        return _section_with_face(fit, covariance, seam)
-    return _section_without_face(fit, covariance, tolerance, seam)
+        section = _section_over_weld(fit, covariance)
+    elif fit.model.has_root_bead:
+        section = _section_with_face(fit, covariance)
+    else:
+        section = _section_without_face(fit, covariance, tolerance)
+    return replace(section, conditions=section.conditions + seam)
 
 
 def _section_with_corners(
@@ -164,7 +183,7 @@ def _section_with_corners(
     )
 
 
-def _section_with_face(fit: GrooveFit, covariance: Array, seam: tuple[str, ...]) -> GrooveSection:
+def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p2 is the first corner, p3 and p4 are the last ones."""
     fitted = fit.fitted
     last = len(fitted.corners) - 1
@@ -195,30 +214,30 @@ def _section_with_face(fit: GrooveFit, covariance: Array, seam: tuple[str, ...])
         places,
         area_variance=(HOLLOW_SIGMA_SHARE * hollow) ** 2,
         hollow=hollow,
-        conditions=conditions + seam,
+        conditions=conditions,
         absent=absent,
     )
 
 
-def _section_over_weld(fit: GrooveFit, covariance: Array, seam: tuple[str, ...]) -> GrooveSection:
+def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p3 and p4 are the toes of the weld, which bounds the area that is left."""
     fitted, weld = fit.fitted, len(fit.fitted.curves) - 2
     height = np.sqrt(_height_variances(fitted))
     total = _covariance_of_top_and_angles(covariance - fit.other_readings) + fit.other_readings
     corners, places, ends = [fitted.corners[0]], [], []
     for k, flank in ((2, weld - 1), (4, weld + 1)):
-        s, sigma, end = find_toe(fit, flank)
+        s, sigma, end = _find_toe(fit, flank)
         curve = fitted.curves[flank]
         total[k : k + 2, k : k + 2] += _covariance_along_side(curve, s, sigma, height[flank])
         corners.append(np.array(curve.point_on_curve(s)))
         places.append(s)
         ends.append(end)
-    surface = weld_surface(fit, *ends)
+    surface = _weld_surface(fit, *ends)
     chord = corners[2] - corners[1]
     width = float(np.linalg.norm(chord))
     above = (surface - corners[1]) @ (-chord[1], chord[0]) / width
     if _is_tack(float(above.max(initial=0.0)), width):
-        return _section_with_face(fit, covariance, seam)
+        return _section_with_face(fit, covariance)
     seen = np.vstack((corners[1], surface, corners[2])) @ (corners[2] - corners[1])
     own = np.array([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
     for name, along in (("bevel", own), ("weld", seen)):
@@ -237,8 +256,68 @@ def _section_over_weld(fit: GrooveFit, covariance: Array, seam: tuple[str, ...])
         (fitted.places[0][0], places[1]),
         surface,
         HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4)),
-        conditions=(WELD_IN_GROOVE, *seam),
+        conditions=(WELD_IN_GROOVE,),
     )
+
+
+def _find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
+    """Find where a weld meets one of its flanks.
+
+    Parameters
+    ----------
+    fit : GrooveFit
+        Whose last side but one is the weld.
+    flank : int
+        Number of the side before or after it.
+
+    Returns
+    -------
+    s, sigma : float
+        Of the toe along the flank, and its standard deviation, in metres.
+    first : int
+        The first point of the weld as seen from the flank.
+    """
+    row, fitted = fit.row, fit.fitted
+    weld, n = len(fitted.curves) - 2, len(fit.row.points)
+    curve, order = fitted.curves[flank], 1 if flank < weld else -1
+    # From the far end of the flank to the middle of the weld.
+    own, far = fitted.spans[weld], fitted.spans[flank]
+    reach = (far.start if order > 0 else far.stop), (own.start + own.stop) // 2
+    points = row.points[slice(*reach)] if order > 0 else row.points[slice(*reach[::-1])][::-1]
+    limit = OUTLIER_SIGMAS * max(float(fitted.sigmas[flank]), LEAST_NOISE)
+    end = max(end_of_support(np.abs(curve.signed_distances(points)) < limit), 1)
+    last = points[end - 1]
+    beside = points[end:][np.linalg.norm(points[end:] - last, axis=1) < TOE_REACH]
+    start = curve.position_along_chord(*last.tolist())
+    first = reach[0] + end if order > 0 else reach[0] - 1 - end
+    first = min(max(first, 0), n - 1)
+    if len(beside) >= FEWEST_TOE_POINTS:
+        centre = beside.mean(axis=0)
+        spread, axes = np.linalg.eigh(np.cov(beside.T))
+        direction = axes[:, 1] * np.sign(axes[:, 1] @ (beside[-1] - beside[0]))
+        line = CubicCurve(*centre.tolist(), *direction.tolist())
+        met = intersect_curves(curve, line, start)
+        if met is not None and abs(met[0] - start) < TOE_REACH:
+            tangent = np.array(curve.tangent_at(met[0]))
+            sine = abs(float(tangent[0] * direction[1] - tangent[1] * direction[0]))
+            share = 4 * min(fitted.variance_inflation / len(beside), 1.0)
+            sigma = sqrt(share * max(spread[0], 0.0)) / sine + LEAST_TOE_SIGMA
+            # If the flank ends well before, an undercut or a hole hides the toe.
+            gap = float(gaps_beside_corners(fitted)[-1 - (order > 0), int(order < 0)])
+            sigma += max(abs(met[0] - start) - SEEN_TOE_DISTANCE, 0.0)
+            return met[0], sigma + (gap if gap > MEETING_REACH else 0.0), first
+    return start, UNSEEN_TOE_SIGMA, first
+
+
+def _weld_surface(fit: GrooveFit, first: int, last: int) -> Array:
+    """Points of a weld's surface, shape (m, 2), of those from `first` to `last`, in metres."""
+    points = fit.row.points[first : last + 1]
+    if not len(points):
+        return points
+    near = np.abs(fit.fitted.curves[-2].signed_distances(points)) < SURFACE_REACH
+    # What hangs together with it is of the surface, too, however high it is.
+    runs = find_runs(points, fit.row.columns[first : last + 1])
+    return np.asarray(points[np.logical_or.reduceat(near, runs.first).repeat(runs.count)])
 
 
 def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
@@ -300,9 +379,7 @@ def _shape_of_face(fitted: FittedProfile) -> tuple[float, float, float]:
     return float(-away[np.abs(away).argmax()]), chord, hollow
 
 
-def _section_without_face(
-    fit: GrooveFit, covariance: Array, tolerance: float, seam: tuple[str, ...]
-) -> GrooveSection:
+def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
     """p3 and p4 at the ends of bevel and leg, or somewhere between their ends and the apex."""
     row, fitted = fit.row, fit.fitted
     bevel, leg = fitted.curves[-2:]
@@ -328,47 +405,38 @@ def _section_without_face(
         surely = int(np.flatnonzero((off_bevel < min(sure, tolerance))[: last + 1])[-1])
         hidden = abs(int(row.columns[under] - row.columns[surely]))
         s3 = bevel.position_along_chord(*row.points[surely].tolist()) + 0.5 * step * hidden
-        p3 = np.array(bevel.point_on_curve(s3))
-        s4 = leg.position_along_chord(*p3.tolist())
+        p3 = bevel.point_on_curve(s3)
+        s4 = leg.position_along_chord(*p3)
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.
         reflected = float(np.mean((np.abs(fitted.residuals) > LEAST_REFLECTION_DISTANCE) & ~on_leg))
-        hides = min(abs(apex_bevel - s3), FARTHEST_ROOT_DISTANCE)
+        farther = sqrt(reflected / 3)
+        opening = float(np.linalg.norm(np.subtract(p3, leg.point_on_curve(s4))))
         # As many columns may be lost before the edge as after it: their difference is triangular.
-        along = hypot(step * hidden / sqrt(24), sqrt(reflected / 3) * hides)
-        total[2:4, 2:4] = _covariance_along_side(bevel, s3, along, height[-2])
-        points = np.array((fitted.corners[0], p3, leg.point_on_curve(s4)))
-        opening = float(np.linalg.norm(points[1] - points[2]))
-        hides = min(abs(apex_leg - s4), FARTHEST_ROOT_DISTANCE)
-        along = hypot(max(opening / 4, LEAST_UNSEEN_SIGMA), sqrt(reflected / 3) * hides)
-        total[4:6, 4:6] = _covariance_along_side(leg, s4, along, height[-1])
-        return _section_with_corners(
-            fit,
-            points,
-            total,
-            (fitted.places[0][0], s4),
-            conditions=(OPEN_ROOT, *seam),
-            absent=("p4",),
-            root_opening=opening,
+        along_3 = hypot(
+            step * hidden / sqrt(24), farther * min(abs(apex_bevel - s3), FARTHEST_ROOT_DISTANCE)
         )
-    first = len(row.points) - end_of_support(on_leg[turn:][::-1])
-    s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
-    s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
-    reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN_SIGMA)
-    reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN_SIGMA)
-    # What is taken for the ends of bevel and leg may be reflections.
-    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT_DISTANCE
-    total[2:4, 2:4] = _covariance_along_side(bevel, s3, hypot(reach_3, farther), height[-2])
-    total[4:6, 4:6] = _covariance_along_side(leg, s4, hypot(reach_4, farther), height[-1])
+        along_4 = hypot(
+            max(opening / 4, LEAST_UNSEEN_SIGMA),
+            farther * min(abs(apex_leg - s4), FARTHEST_ROOT_DISTANCE),
+        )
+        found: dict[str, Any] = {"conditions": (OPEN_ROOT,), "absent": ("p4",)}
+        found["root_opening"] = opening
+    else:
+        first = len(row.points) - end_of_support(on_leg[turn:][::-1])
+        s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
+        s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
+        # What is taken for the ends of bevel and leg may be reflections.
+        farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT_DISTANCE
+        along_3, along_4 = (
+            hypot(max(abs(away) / sqrt(12), LEAST_UNSEEN_SIGMA), farther)
+            for away in (apex_bevel - s_last, s_first - apex_leg)
+        )
+        found = {"conditions": (ROOT_NOT_SEEN,), "absent": ("p3", "p4")}
+        found["model_probability"] = fit.probability * PROBABILITY_OF_NO_FACE
+    total[2:4, 2:4] = _covariance_along_side(bevel, s3, along_3, height[-2])
+    total[4:6, 4:6] = _covariance_along_side(leg, s4, along_4, height[-1])
     points = np.array((fitted.corners[0], bevel.point_on_curve(s3), leg.point_on_curve(s4)))
-    return _section_with_corners(
-        fit,
-        points,
-        total,
-        (fitted.places[0][0], s4),
-        conditions=(ROOT_NOT_SEEN, *seam),
-        absent=("p3", "p4"),
-        model_probability=fit.probability * PROBABILITY_OF_NO_FACE,
-    )
+    return _section_with_corners(fit, points, total, (fitted.places[0][0], s4), **found)
 
 
 def _first_point_under_bevel(

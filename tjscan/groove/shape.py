@@ -35,11 +35,7 @@ from tjscan.groove.refinement import (
 )
 from tjscan.groove.reflections import MEETING_REACH, gaps_beside_corners
 from tjscan.groove.settings import SideModel
-from tjscan.groove.sides import (
-    SCALING_LENGTH_POWERS,
-    FittedProfile,
-    GrooveFit,
-)
+from tjscan.groove.sides import SCALING_LENGTH_POWERS, FittedProfile, GrooveFit
 from tjscan.laser.profile import Profile
 
 PATCH_REACH: Final = 0.6e-3
