@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, unit_vectors
 from tjscan.groove import kernel
-from tjscan.groove.interreflection import PULL_RELATIVE_SIGMA, closeness_to_notch, estimate_pull
 from tjscan.groove.prior import (
     NOTCH_PULLS,
     SCALE_THICKNESSES,
@@ -28,16 +27,28 @@ from tjscan.groove.prior import (
 )
 from tjscan.groove.refinement import refine_fit
 from tjscan.groove.reflections import reflection_probability
+from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
     CubicCurve,
+    FittedProfile,
     GrooveFit,
     Index,
     Polyline,
     corners_between_sides,
 )
 from tjscan.laser.profile import Profile
+
+PULL_REACH: Final = 4e-3
+"""Distance from a notch in metres within which points are pulled in: real profiles
+show 3 to 5 mm."""
+
+PULL_RELATIVE_SIGMA: Final = 0.15
+"""Share of itself by which a pull is uncertain, for its reach is."""
+
+FEWEST_PULLED_POINTS: Final = 4
+"""Points about a notch that show a pull."""
 
 MISLEADING_FLANK_SHARE: Final = 0.02
 """Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
@@ -303,7 +314,7 @@ def _fit_without_scale(
     has_face = fit.model.has_root_bead
     expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if prior and has_face else 0.0
     notch = fitted.corners[-2:] if has_face else fitted.corners[-1:]
-    pulled = expected_pull * closeness_to_notch(row.points, notch)
+    pulled = expected_pull * _closeness_to_notch(row.points, notch)
     scaled: dict[int, SideWithScale] = {}
     for k in (0, last):
         own = fitted.spans[k]
@@ -358,7 +369,7 @@ def _fit_without_pull(
         at = fitted.corners[corner][None]
         sine = float(fitted.curves[face].chord_sines_with_rays(at)[0])
         shift[2 * corner : 2 * corner + 2] = sine * fitted.corner_shift(corner, face)
-    closeness = closeness_to_notch(fit.row.points, fitted.corners[-2:])
+    closeness = _closeness_to_notch(fit.row.points, fitted.corners[-2:])
     # At its ends the face is pulled in most. Few of its points would be bent by less between.
     closeness[fitted.spans[face]] = 1.0
     curves = list(fitted.curves)
@@ -378,11 +389,11 @@ def _pull_log_likelihoods(fit: GrooveFit, moved: Array) -> Array:
     be pulled.
     """
     row, fitted = fit.row, fit.fitted
-    doubtful = np.where(closeness_to_notch(row.points, fitted.corners[-2:]) > 0, moved, 0.0)
+    doubtful = np.where(_closeness_to_notch(row.points, fitted.corners[-2:]) > 0, moved, 0.0)
     rows = [row, _moved_along_rays(row, -doubtful)] if doubtful.any() else [row]
     likelihood = np.zeros(len(NOTCH_PULLS))
     for one in rows:
-        pull, sigma = estimate_pull(one, fitted, fit.model)
+        pull, sigma = _estimate_pull(one, fitted, fit.model)
         if isfinite(sigma):
             spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
             density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
@@ -392,6 +403,66 @@ def _pull_log_likelihoods(fit: GrooveFit, moved: Array) -> Array:
         else:
             likelihood += 1 / len(rows)
     return np.log(likelihood)
+
+
+def _closeness_to_notch(points: Array, notch: Array) -> Array:
+    """Share of the pull that points take, shape (n,): a raised cosine of their distance.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+    notch : ndarray, shape (m, 2)
+        Its corners, x and z in metres.
+    """
+    away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
+
+
+def _estimate_pull(row: Profile, fitted: FittedProfile, model: GrooveModel) -> tuple[float, float]:
+    """Estimate a pull from the flanks of a root with a face: weighted least squares.
+
+    Parameters
+    ----------
+    row : Profile
+        Its points may differ from the fit's.
+    fitted : FittedProfile
+    model : GrooveModel
+        Whose last side but one is the root's face.
+
+    Returns
+    -------
+    float, float
+        In metres, and its standard deviation, infinite where nothing shows it. It may come out
+        negative.
+    """
+    closeness = _closeness_to_notch(row.points, fitted.corners[-2:])
+    value, information = 0.0, 0.0
+    last = len(fitted.curves) - 1
+    for k in (last - 2, last):
+        own, side = fitted.spans[k], model.sides[k]
+        curve = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
+        points = row.points[own]
+        s, d = curve.local_coordinates(points)
+        pull = -closeness[own] * curve.chord_sines_with_rays(points)
+        close = closeness[own] > 0
+        off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
+        sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
+        used = fitted.keep[own] | (close & (np.abs(off) < 2 * OUTLIER_SIGMAS * sigma))
+        if np.count_nonzero(close & used) < FEWEST_PULLED_POINTS:
+            continue
+        expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
+        basis = np.stack([s[used] ** p for p in range(4)])
+        g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
+        variance = sigma**2 * fitted.variance_inflation
+        known = np.zeros(4)
+        known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
+        taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))
+        left = g - taken[:, 0] @ basis
+        value += float(left @ y) / variance
+        information += float(left @ g) / variance
+    if information <= 0:
+        return 0.0, inf
+    return value / information, 1 / sqrt(information)
 
 
 def _moved_along_rays(row: Profile, away: Array) -> Profile:
