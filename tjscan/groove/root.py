@@ -24,7 +24,7 @@ from tjscan.groove.reflections import (
     share_in_long_stretches,
     without_seam_cap,
 )
-from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
+from tjscan.groove.section import TACK_WELD, GrooveSection, section_in_plane
 from tjscan.groove.settings import TEE_PARTLY_FILLED
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -133,9 +133,6 @@ def _section_with_corners(
     corners: Array,
     covariance: Array,
     places: tuple[float, float],
-    surface: Array | None = None,
-    area_variance: float = 0.0,
-    hollow: float = 0.0,
     **found: Any,
 ) -> GrooveSection:
     """Section with given corners p2, p3 and p4, x and z, shape (3, 2), in metres.
@@ -146,40 +143,21 @@ def _section_with_corners(
         Of the coordinates of p2, p3, p4, and of the angles of wall and leg.
     places : tuple of float
         s of p2 on the wall and of p4 on the leg.
-    surface : ndarray, shape (m, 2), optional
-        Points between p3 and p4 that bound the area.
-    area_variance : float
-        Of the area beyond what its corners explain, m⁴.
-    hollow : float
-        Area between the line from p3 to p4 and the face behind it, in m².
     **found
-        What else the section holds.
+        What else `section_in_plane` takes.
     """
     fitted = fit.fitted
     wall, leg = fitted.curves[0], fitted.curves[-1]
-    on_wall, on_leg = fitted.kept_along(0), fitted.kept_along(len(fitted.curves) - 1)
-    points = np.zeros((5, 3))
-    points[0, [0, 2]] = wall.point_on_curve(float(on_wall.min()))
-    points[1:4, [0, 2]] = corners
-    points[4, [0, 2]] = leg.point_on_curve(float(on_leg.max()))
-    t1, t4 = wall.tangent_at(places[0]), leg.tangent_at(places[1])
-    section = section_from_points(
-        points,
-        wall_s=(t1[0], 0.0, t1[1]),
-        leg_s=(t4[0], 0.0, t4[1]),
+    begin = wall.point_on_curve(float(fitted.kept_along(0).min()))
+    end = leg.point_on_curve(float(fitted.kept_along(len(fitted.curves) - 1).max()))
+    return section_in_plane(
+        np.vstack((begin, corners, end)),
+        (wall.tangent_at(places[0]), leg.tangent_at(places[1])),
         rms=float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2))),
         covariance=covariance,
-        surface=surface,
-    )
-    measure_covariance = section.measure_covariance.copy()
-    measure_covariance[3, 3] += area_variance
-    return replace(
-        section,
-        measure_covariance=measure_covariance,
-        area=section.area + hollow,
+        **{"model_probability": fit.probability, **found},
         model=fit.model.name,
         evidence=fit.evidence,
-        **{"model_probability": fit.probability, **found},
     )
 
 
@@ -254,8 +232,8 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
         np.array(corners),
         total,
         (fitted.places[0][0], places[1]),
-        surface,
-        HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4)),
+        surface=surface,
+        area_variance=HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4)),
         conditions=(WELD_IN_GROOVE,),
     )
 
