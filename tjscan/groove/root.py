@@ -121,7 +121,7 @@ def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSect
     fit = replace(fit, fitted=bare) if seam else fit
     if fit.model.name == TEE_PARTLY_FILLED.name:
         section = _section_over_weld(fit, covariance)
-    elif fit.model.has_root_bead:
+    elif fit.model.sides[-2].bead:
         section = _section_with_face(fit, covariance)
     else:
         section = _section_without_face(fit, covariance, tolerance)

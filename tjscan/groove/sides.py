@@ -273,11 +273,6 @@ class FittedProfile:
         return np.array((tx, tz)) / (tx * own[1] - tz * own[0])
 
     @property
-    def inlier_shares(self) -> Array:
-        """Share of each side's points that the fit rests on, shape (k,)."""
-        return np.asarray(self.counts / np.diff(self.edges))
-
-    @property
     def points_on_sides(self) -> NDArray[np.bool_]:
         """Points on their sides, shape (n,), with those left out of a fit for their neighbours."""
         close = OUTLIER_SIGMAS * max(median(self.sigmas.tolist()), LEAST_NOISE)
@@ -298,9 +293,6 @@ class GrooveFit:
         Its sides and corners.
     cost : float
         What all points and sides pay, in outliers.
-    seen : ndarray of bool, shape (k - 1, 2)
-        Whether points lie beside each corner on the side before and on the side after it:
-        reflections rarely reach the surfaces that they seem to meet.
     objection : str, optional
         Why the points do not support it.
     steel_covariance : float or ndarray, shape (2 k, 2 k)
@@ -321,7 +313,6 @@ class GrooveFit:
     model: GrooveModel
     fitted: FittedProfile
     cost: float
-    seen: NDArray[np.bool_]
     objection: str | None = None
     steel_covariance: Array | float = 0.0
     other_readings: Array | float = 0.0

@@ -270,7 +270,7 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     if moved and reflection_probability(bare.fitted) < MOST_REFLECTED_BESIDE_SCALE:
         # From there scale is seen that was too far off before.
         bare, back = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
-    if prior is None or not fit.model.has_root_bead:
+    if prior is None or not fit.model.sides[-2].bead:
         return bare
     return _fit_without_pull(bare, back, prior, tolerance)
 
@@ -289,7 +289,7 @@ def _fit_without_scale(
 ) -> tuple[GrooveFit, Array]:
     """The fit on the steel under mill scale, and how far points were moved back, (n,) metres."""
     row, fitted, last = fit.row, fit.fitted, len(fit.model.sides) - 1
-    has_face = fit.model.has_root_bead
+    has_face = fit.model.sides[-2].bead
     expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if prior and has_face else 0.0
     notch = fitted.corners[-2:] if has_face else fitted.corners[-1:]
     pulled = expected_pull * _closeness_to_notch(row.points, notch)
@@ -316,7 +316,7 @@ def _fit_without_scale(
         variance = steel.height_variance + MISTAKEN_LEVEL_SHARE * steel.thickness**2
         covariance[index, index] += variance * np.outer(shift, shift)
     no_pulls = np.zeros(len(NOTCH_PULLS))
-    evidence = SectionEvidence(bends, sigmas, no_pulls, log_thicknesses, fit.model.name)
+    evidence = SectionEvidence(bends, sigmas, no_pulls, log_thicknesses)
     fit = replace(fit, steel_covariance=covariance, evidence=evidence)
     return _fit_moved_points(fit, back, tolerance, tuple(curves)), back
 
