@@ -357,6 +357,7 @@ def _fit_sides_once(
         met[1],
         met[0],
         edges,
+        tuple(map(slice, edges, edges[1:])),
         s,
         residuals,
         keep,

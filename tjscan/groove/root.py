@@ -67,9 +67,6 @@ LEAST_UNSEEN_SIGMA: Final = 0.5e-3
 PROBABILITY_OF_NO_FACE: Final = 0.5
 """Probability that a root which is not seen has no face: as likely as not."""
 
-REFLECTION_DENSITY_IN_NOTCH: Final = 2.0
-"""By how much reflections are denser about a notch, where light finds many ways."""
-
 FARTHEST_ROOT_DISTANCE: Final = 20e-3
 """Metres along bevel or leg in which the root is."""
 
@@ -322,8 +319,6 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     for k, curve in ((0, bevel), (2, leg)):
         jumping = SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0
         probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=jumping)
-        if not any(meets):
-            probability *= REFLECTION_DENSITY_IN_NOTCH
         if outnumbered:
             probability = MOST_REFLECTION_PROBABILITY
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]

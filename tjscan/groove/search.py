@@ -99,6 +99,7 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
         If the points support none.
     """
     runs, model = find_runs(row.points, row.columns), settings.model
+    tolerance = settings.support_tolerance
     points = project_points(row, settings.noise)
     pieces = find_pieces(points, runs)
     if not len(pieces.first):
@@ -109,7 +110,7 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
             row.points,
         )
     candidates = propose_candidates(points, pieces)
-    search = ChainSearch(points, candidates, runs, settings.support_tolerance)
+    search = ChainSearch(points, candidates, runs, tolerance)
     starts = [
         (chain.cost + _cost_of_form(form), form, chain)
         for form in (model, *model.alternatives)
@@ -120,7 +121,8 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
     for cost, form, chain in starts:
         margin = WELD_COST_MARGIN if form.sides[-2].roughness else RIVAL_COST_MARGIN
         if cost <= starts[0][0] + margin or all(fit.objection for fit in found):
-            found += _refine_chain(row, runs, form, search.as_polyline(chain), settings, found)
+            start = Polyline(candidates.as_curves(chain.sides), chain.corners, chain.cost)
+            found += _refine_chain(row, runs, form, start, settings, tolerance, found)
     if not found:
         raise _explain_missing_groove(search, model, row.points)
     likeliest = min(found, key=lambda fit: fit.cost)
@@ -128,7 +130,7 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
     if not supported or min(fit.cost for fit in supported) > likeliest.cost + REFUSED_COST_MARGIN:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
     if any(fit.model.sides[-2].roughness for fit in supported):
-        supported = [_charge_for_steel(fit, runs, settings.support_tolerance) for fit in supported]
+        supported = [_charge_for_steel(fit, runs, tolerance) for fit in supported]
     return sorted(supported, key=lambda fit: fit.cost)
 
 
@@ -151,10 +153,10 @@ def _refine_chain(
     model: GrooveModel,
     start: Polyline,
     settings: GrooveSettings,
+    tolerance: float,
     found: list[GrooveFit],
 ) -> list[GrooveFit]:
     """Refine a chain; none if its sides fit no points together, or lead to a fit that was found."""
-    tolerance = settings.support_tolerance
     known = [fit.fitted.corners for fit in found if fit.model is model]
     best: FittedProfile | None = None
     least = np.inf

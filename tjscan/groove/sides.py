@@ -203,6 +203,8 @@ class FittedProfile:
         x and z in metres.
     edges : list of int
         First point of each side, and the number n of points; k + 1.
+    spans : tuple of slice
+        The points of each side.
     along : ndarray, shape (n,)
         Each point's s on its side.
     residuals : ndarray, shape (n,)
@@ -234,6 +236,7 @@ class FittedProfile:
     places: tuple[tuple[float, float], ...]
     corners: Array
     edges: list[int]
+    spans: tuple[slice, ...]
     along: Array
     residuals: Array
     keep: NDArray[np.bool_]
@@ -246,11 +249,6 @@ class FittedProfile:
     middles: tuple[float, ...]
     variance_inflation: float = 1.0
     straight: Array | None = None
-
-    @property
-    def spans(self) -> tuple[slice, ...]:
-        """The points of each side among the row's."""
-        return tuple(map(slice, self.edges, self.edges[1:]))
 
     def kept_along(self, k: int) -> Array:
         """Values of s of the points that the fit of side k rests on."""
