@@ -175,9 +175,15 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     """
     bare = without_seam_cap(best.fitted)
     surely = best if bare is best.fitted else replace(best, fitted=bare)
-    covariance = _covariance_of_readings(best, others)
+    odds = [exp(-POINT_LOG_ODDS * (other.cost - best.cost)) for other in others]
+    covariance = _covariance_of_readings(best, others, odds)
     covariance += _reflection_covariance(surely) + _unmodelled_steel_covariance(surely)
-    probability = _form_probability(surely, others)
+    # Each form counts once, by its own likeliest reading. What reflections hide may be of any form.
+    forms: dict[str, float] = {}
+    for other, share in zip(others, odds, strict=True):
+        if other.model is not best.model:
+            forms[other.model.name] = max(share, forms.get(other.model.name, 0.0))
+    probability = (1 - reflection_probability(surely.fitted)) / (1 + sum(forms.values()))
     return replace(best, other_readings=covariance, probability=probability)
 
 
@@ -212,25 +218,6 @@ def without_seam_cap(fitted: FittedProfile) -> FittedProfile:
     return replace(fitted, residuals=residuals)
 
 
-def _odds_against_likelier(other: GrooveFit, best: GrooveFit) -> float:
-    """Odds of a reading against a likelier one."""
-    return exp(-POINT_LOG_ODDS * (other.cost - best.cost))
-
-
-def _form_probability(best: GrooveFit, others: list[GrooveFit]) -> float:
-    """Probability that the groove has the form of the likeliest reading.
-
-    Each form counts once, by its own likeliest reading. What reflections hide may be of any form:
-    it is known no better than the share of points that are none.
-    """
-    odds: dict[str, float] = {}
-    for other in others:
-        if other.model is not best.model:
-            name = other.model.name
-            odds[name] = max(_odds_against_likelier(other, best), odds.get(name, 0.0))
-    return (1 - reflection_probability(best.fitted)) / (1 + sum(odds.values()))
-
-
 def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
     """Pairs of corners, of a and of b, that are the same corner of a groove: its ends."""
     pairs = [(0, 0)]
@@ -245,14 +232,13 @@ def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
     return pairs
 
 
-def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit]) -> Array:
+def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit], odds: list[float]) -> Array:
     """Second moment, about the likeliest reading, of the corners of others, shape (2 k, 2 k).
 
     It adds nothing to the angles of wall and leg, the last two.
     """
     moments: list[tuple[float, Array]] = []
-    for other in sorted(others, key=lambda one: one.cost - best.cost):
-        weight = _odds_against_likelier(other, best)
+    for other, weight in zip(others, odds, strict=True):
         if weight < LEAST_READING_ODDS:
             break
         away = np.zeros(2 * len(best.model.sides))

@@ -27,9 +27,8 @@ from tjscan.core.frames import Array
 from tjscan.groove import kernel
 from tjscan.groove.refinement import (
     coefficient_covariances,
-    prior_shape_means,
-    prior_shape_sigmas,
     prior_weights,
+    side_priors,
     solve_with_prior,
 )
 from tjscan.groove.reflections import MEETING_REACH, gaps_beside_corners
@@ -459,7 +458,7 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     counts by how likely it is (Bayesian model averaging).
     """
     fitted, sides = fit.fitted, fit.model.sides
-    spread, expected = prior_shape_sigmas(sides), prior_shape_means(sides)
+    spread, expected, *_ = side_priors(sides)
     bends = spread[:, 0] > 0
     here = SCALING_LENGTH_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
     total = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
