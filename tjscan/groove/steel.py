@@ -27,12 +27,10 @@ from tjscan.groove.prior import (
 )
 from tjscan.groove.refinement import refine_fit
 from tjscan.groove.reflections import reflection_probability
-from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
     CubicCurve,
-    FittedProfile,
     GrooveFit,
     Index,
     Polyline,
@@ -131,10 +129,9 @@ class SideOnSteel(NamedTuple):
     height_variance: float
 
 
-def _find_steel(fit: GrooveFit, k: int, pulled: Array, known: Array) -> SideOnSteel | None:
+def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
     """Look at outer side k as two levels; None if it shows too little.
 
-    Light seems to pull the row's points towards the sensor by `pulled`, shape (n,), in metres;
     `known` is the logarithm of what is known of each of `SCALE_THICKNESSES`.
     """
     fitted, side, own = fit.fitted, fit.model.sides[k], fit.fitted.spans[k]
@@ -142,10 +139,9 @@ def _find_steel(fit: GrooveFit, k: int, pulled: Array, known: Array) -> SideOnSt
     count = len(near) // POINTS_PER_SCALE_BLOCK
     if count < FEWEST_BLOCKS_OF_SIDE:
         return None
-    points = fit.row.points[own]
     base = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
-    s, d = base.local_coordinates(points)
-    d = d + pulled[own] * fitted.curves[k].chord_sines_with_rays(points) - base.c3 * s**3
+    s, d = base.local_coordinates(fit.row.points[own])
+    d = d - base.c3 * s**3
     blocks = near[: count * POINTS_PER_SCALE_BLOCK].reshape(count, POINTS_PER_SCALE_BLOCK)
     along = s[blocks].mean(axis=1)
     heights = np.sort(d[blocks], axis=1)[:, INNER_POINTS].mean(axis=1)
@@ -265,14 +261,14 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     """
     if prior is None and (not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))):
         return fit
-    bare, back = _fit_without_scale(fit, prior, tolerance)
+    bare = _fit_without_scale(fit, prior, tolerance)
     moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
     if moved and reflection_probability(bare.fitted) < MOST_REFLECTED_BESIDE_SCALE:
         # From there scale is seen that was too far off before.
-        bare, back = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
+        bare = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
     if prior is None or not fit.model.sides[-2].bead:
         return bare
-    return _fit_without_pull(bare, back, prior, tolerance)
+    return _fit_without_pull(bare, prior, tolerance)
 
 
 def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
@@ -284,15 +280,9 @@ def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
     return bool(np.count_nonzero(steps) >= FEWEST_SCALE_STEPS)
 
 
-def _fit_without_scale(
-    fit: GrooveFit, prior: GroovePrior | None, tolerance: float
-) -> tuple[GrooveFit, Array]:
-    """The fit on the steel under mill scale, and how far points were moved back, (n,) metres."""
+def _fit_without_scale(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) -> GrooveFit:
+    """The fit on the steel under mill scale."""
     row, fitted, last = fit.row, fit.fitted, len(fit.model.sides) - 1
-    has_face = fit.model.sides[-2].bead
-    expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if prior and has_face else 0.0
-    notch = fitted.corners[-2:] if has_face else fitted.corners[-1:]
-    pulled = expected_pull * _closeness_to_notch(row.points, notch)
     known = (prior or GroovePrior()).log_thicknesses
     log_thicknesses = np.zeros((2, len(SCALE_THICKNESSES)))
     covariance = np.zeros((2 * last + 2,) * 2)
@@ -300,7 +290,7 @@ def _fit_without_scale(
     bends, sigmas = np.zeros(2), np.full(2, np.inf)
     curves = list(fitted.curves)
     for side, k, corner in ((0, 0, 0), (1, last, last - 1)):
-        steel = _find_steel(fit, k, pulled, known[side])
+        steel = _find_steel(fit, k, known[side])
         if steel is None:
             continue
         log_thicknesses[side] = steel.log_thicknesses
@@ -318,18 +308,13 @@ def _fit_without_scale(
     no_pulls = np.zeros(len(NOTCH_PULLS))
     evidence = SectionEvidence(bends, sigmas, no_pulls, log_thicknesses)
     fit = replace(fit, steel_covariance=covariance, evidence=evidence)
-    return _fit_moved_points(fit, back, tolerance, tuple(curves)), back
+    return _fit_moved_points(fit, back, tolerance, tuple(curves))
 
 
-def _fit_without_pull(
-    fit: GrooveFit, moved: Array, prior: GroovePrior, tolerance: float
-) -> GrooveFit:
-    """The fit behind where light between the faces pulls the notch in.
-
-    Points were moved back before for scale, (n,) metres.
-    """
+def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> GrooveFit:
+    """The fit behind where light between the faces pulls the notch in."""
     fitted, face = fit.fitted, len(fit.model.sides) - 2
-    log_pulls = _pull_log_likelihoods(fit, moved)
+    log_pulls = _pull_log_likelihoods(*_estimate_pull(fit))
     probability = posterior(prior.log_pulls, log_pulls)
     pull = _mean_if_present(NOTCH_PULLS, probability)
     doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_RELATIVE_SIGMA * pull) ** 2
@@ -351,27 +336,13 @@ def _fit_without_pull(
     return _fit_moved_points(fit, pull * closeness, tolerance, tuple(curves))
 
 
-def _pull_log_likelihoods(fit: GrooveFit, moved: Array) -> Array:
-    """Log-likelihood of each of `NOTCH_PULLS`.
-
-    If points about the notch were moved back, (n,) metres, what was taken for scale may as well
-    be pulled.
-    """
-    row, fitted = fit.row, fit.fitted
-    doubtful = np.where(_closeness_to_notch(row.points, fitted.corners[-2:]) > 0, moved, 0.0)
-    rows = [row, _moved_along_rays(row, -doubtful)] if doubtful.any() else [row]
-    likelihood = np.zeros(len(NOTCH_PULLS))
-    for one in rows:
-        pull, sigma = _estimate_pull(one, fitted, fit.model)
-        if isfinite(sigma):
-            spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
-            density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
-            likelihood += ((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE) / len(
-                rows
-            )
-        else:
-            likelihood += 1 / len(rows)
-    return np.log(likelihood)
+def _pull_log_likelihoods(pull: float, sigma: float) -> Array:
+    """Log-likelihood of each of `NOTCH_PULLS`, from an estimate and its standard deviation."""
+    if not isfinite(sigma):
+        return np.zeros(len(NOTCH_PULLS))
+    spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
+    density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
+    return np.log((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE)
 
 
 def _closeness_to_notch(points: Array, notch: Array) -> Array:
@@ -387,28 +358,18 @@ def _closeness_to_notch(points: Array, notch: Array) -> Array:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
 
 
-def _estimate_pull(row: Profile, fitted: FittedProfile, model: GrooveModel) -> tuple[float, float]:
+def _estimate_pull(fit: GrooveFit) -> tuple[float, float]:
     """Estimate a pull from the flanks of a root with a face: weighted least squares.
 
-    Parameters
-    ----------
-    row : Profile
-        Its points may differ from the fit's.
-    fitted : FittedProfile
-    model : GrooveModel
-        Whose last side but one is the root's face.
-
-    Returns
-    -------
-    float, float
-        In metres, and its standard deviation, infinite where nothing shows it. It may come out
-        negative.
+    In metres, and its standard deviation, infinite where nothing shows it. It may come out
+    negative.
     """
+    row, fitted = fit.row, fit.fitted
     closeness = _closeness_to_notch(row.points, fitted.corners[-2:])
     value, information = 0.0, 0.0
     last = len(fitted.curves) - 1
     for k in (last - 2, last):
-        own, side = fitted.spans[k], model.sides[k]
+        own, side = fitted.spans[k], fit.model.sides[k]
         curve = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
         points = row.points[own]
         s, d = curve.local_coordinates(points)
