@@ -49,8 +49,9 @@ runs, and noise is correlated, so that a point counts for a part of an independe
 LEAST_READING_ODDS: Final = 0.01
 """Readings less likely than this, over the likeliest, are left out."""
 
-REFLECTION_DISTANCE: Final = 3e-3
-"""How far reflections lie off the surface, in metres."""
+REFLECTION_DISTANCE, NOTCH_REFLECTION_DISTANCE = 3e-3, 4e-3
+"""How far reflections lie off the surface, in metres, and those that look like a bead's face, where
+light finds many ways between the flanks."""
 
 SHARE_ENDING_AT_SURFACE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
 """Share of the reflections that end so near the surface, by chance, that no jump shows."""
@@ -304,15 +305,15 @@ def is_outnumbered(row: Profile, fitted: FittedProfile, k: int) -> bool:
     return most_off >= min(most_on, int(fitted.counts[k]))
 
 
-def count_points_seen_through_face(row: Profile, fitted: FittedProfile) -> int:
-    """How many points lie behind a bead's face on the sides beside it, drawn on; few are none."""
-    own = fitted.spans[-2]
+def count_points_seen_through_face(row: Profile, fitted: FittedProfile, k: int) -> int:
+    """How many points lie behind a bead, side k, on those beside it, drawn on; few are none."""
+    own = fitted.spans[k]
     noise = OUTLIER_SIGMAS * np.maximum(fitted.sigmas, LEAST_NOISE)
     behind = fitted.residuals[own] > noise.max()
     if np.count_nonzero(behind) < FEWEST_HIDING:
         return 0
     points = row.points[own][behind]
-    on = [np.abs(fitted.curves[k].signed_distances(points)) < noise[k] for k in (-3, -1)]
+    on = [np.abs(fitted.curves[j].signed_distances(points)) < noise[j] for j in (k - 1, k + 1)]
     count = int(np.count_nonzero(on[0] | on[1]))
     return count if count >= FEWEST_HIDING else 0
 
@@ -396,10 +397,17 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
     meets = corners_seen_from_both_sides(fitted)
     from_wall, from_leg = (np.logical_and.accumulate(m) for m in (meets, meets[::-1]))
     for k, side in enumerate(sides[1:-1], 1):
-        if side.bead:
+        hides = side.bead and (
+            is_outnumbered(fit.row, fitted, k) or count_points_seen_through_face(fit.row, fitted, k)
+        )
+        # A face that goes over into both sides is steel; a bevel's end may be light all the same.
+        if side.bead and meets[k - 1 : k + 1].all() and not hides:
             continue
-        if meets[k - 1 : k + 1].any():
+        if hides:
+            probability = MOST_REFLECTION_PROBABILITY
+        elif meets[k - 1 : k + 1].any():
             jumping = 0.0 if from_wall[k - 1] or from_leg[len(meets) - 1 - k] else 1.0
+            jumping = SHARE_ENDING_AT_SURFACE if side.bead else jumping
             points = int(fitted.counts[k])
             probability = share_in_long_stretches(
                 fit.row, fitted.residuals, points, jumping=jumping
@@ -410,6 +418,7 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
             continue
         away = np.zeros(len(covariance))
         for i in (k - 1, k):
-            away[2 * i : 2 * i + 2] = REFLECTION_DISTANCE * fitted.corner_shift(i, k)
+            distance = NOTCH_REFLECTION_DISTANCE if side.bead else REFLECTION_DISTANCE
+            away[2 * i : 2 * i + 2] = distance * fitted.corner_shift(i, k)
         covariance += probability * np.outer(away, away)
     return covariance

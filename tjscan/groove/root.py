@@ -14,14 +14,9 @@ from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
     LEAST_REFLECTION_DISTANCE,
     MEETING_REACH,
-    MOST_REFLECTION_PROBABILITY,
-    SHARE_ENDING_AT_SURFACE,
-    count_points_seen_through_face,
     find_runs,
     gaps_beside_corners,
-    is_outnumbered,
     reflection_probability,
-    share_in_long_stretches,
     without_seam_cap,
 )
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_in_plane
@@ -166,7 +161,6 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
     bow, chord, hollow = _shape_of_face(fitted)
     spread = covariance[index][:, index]
-    spread[2:6, 2:6] += _covariance_if_face_is_reflection(fit)
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     if _is_tack(bow, chord):
@@ -293,45 +287,6 @@ def _weld_surface(fit: GrooveFit, first: int, last: int) -> Array:
     # What hangs together with it is of the surface, too, however high it is.
     runs = find_runs(points, fit.row.columns[first : last + 1])
     return np.asarray(points[np.logical_or.reduceat(near, runs.first).repeat(runs.count)])
-
-
-def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
-    """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
-
-    One that goes over neither into the bevel nor into the leg may be a reflection. One that
-    goes over into one of them may be spatter there, or its far end may be a reflection: as
-    probably as points are far off the surface in runs that are as long, or half as long where it
-    is far from both. Then the corners are anywhere between the last points of bevel and leg and
-    where these, drawn on, meet.
-    """
-    fitted, found = fit.fitted, np.zeros((4, 4))
-    gaps = gaps_beside_corners(fitted)[-2:]
-    meets = (gaps.max(axis=1) < MEETING_REACH).tolist()
-    points = int(fitted.counts[-2])
-    outnumbered = is_outnumbered(fit.row, fitted, -2)
-    outnumbered |= count_points_seen_through_face(fit.row, fitted) > 0
-    if all(meets) and not outnumbered:
-        return found
-    bevel, leg = fitted.curves[-3], fitted.curves[-1]
-    met = intersect_curves(bevel, leg, fitted.places[-2][0])
-    if gaps.max(axis=1).min() > MEETING_REACH:
-        points //= 2
-    for k, curve in ((0, bevel), (2, leg)):
-        jumping = SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0
-        probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=jumping)
-        if outnumbered:
-            probability = MOST_REFLECTION_PROBABILITY
-        place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
-        near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
-        far = near + (FARTHEST_ROOT_DISTANCE if k == 0 else -FARTHEST_ROOT_DISTANCE)
-        if met is not None and abs(met[k // 2] - place) < FARTHEST_ROOT_DISTANCE:
-            far = met[k // 2] - place
-        # Mean square of what is uniform between the two.
-        square = (near * near + near * far + far * far) / 3
-        found[k : k + 2, k : k + 2] = _covariance_along_side(
-            curve, place, sqrt(probability * square), 0.0
-        )
-    return found
 
 
 def _is_tack(bow: float, chord: float) -> bool:

@@ -179,8 +179,9 @@ def _refine_chain(
     ):
         return []
     cost = float(runs.total_cost(costs)) + _cost_of_form(model)
-    if model.sides[-2].bead:
-        cost += SEEN_THROUGH_COST * count_points_seen_through_face(row, best)
+    for k, side in enumerate(model.sides):
+        if side.bead:
+            cost += SEEN_THROUGH_COST * count_points_seen_through_face(row, best, k)
     return [GrooveFit(row, model, best, cost, _reason_to_reject(best, model, settings))]
 
 
