@@ -184,6 +184,7 @@ class OdometryFilter:
             self._recent_turn,
             turned_back,
             self._asked_turn_rate,
+            self._noise,
             turn_rate_parts=(*self._turn_by_ripple(), -late / period),
         )
 
