@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from math import copysign, cos, exp, inf, radians, remainder, sin, sqrt, tan, tau
+from math import copysign, cos, exp, inf, remainder, sin, sqrt, tan, tau
 from operator import mul
 from typing import Annotated, Final, Self
 
@@ -354,7 +354,8 @@ class SlipUncertainty(SettingsTable):
     ripple : float
         Likewise, of each of the four ripples.
     gyro, down : float
-        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians.
+        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians: by
+        default 0.01 degrees a second and 0.05 degrees, as small sensors of silicon have.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
     settled_centre_walk, gyro_bias_walk, joint_down_walk : float
         Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
@@ -385,8 +386,8 @@ class SlipUncertainty(SettingsTable):
     odometry_delay: Annotated[Deviation, SECONDS] = 0.05
     gyro_bias: Annotated[Deviation, MRAD_S] = 2e-3
     inclinometer_lag: Annotated[Deviation, SECONDS] = 0.2
-    gyro: Annotated[Deviation, MRAD_S] = radians(0.01)
-    down: Annotated[Deviation, MRAD] = radians(0.05)
+    gyro: Annotated[Deviation, MRAD_S] = 0.175e-3
+    down: Annotated[Deviation, MRAD] = 0.873e-3
     rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
     yaw_efficiency_walk: Deviation = 0.01
     drift_walk: Annotated[Deviation, MRAD] = 0.2e-3
