@@ -91,6 +91,8 @@ class CrawlDevices:
         How far the laser's line is ahead of the torch, metres.
     power : PowerSource, optional
         Of the arc; without, the torch has one of its own.
+    torch_aside : float, optional
+        How far the torch is to the right of the laser's zero where its axis is at zero, metres.
     """
 
     vehicle: Vehicle
@@ -102,6 +104,7 @@ class CrawlDevices:
     jog: TorchJog = field(default_factory=lambda: TorchJog(0.0))
     laser_to_torch: float = 0.5
     power: PowerSource | None = None
+    torch_aside: float = 0.0
 
 
 class JointSensor:
@@ -325,7 +328,8 @@ class ControlCycle:
             surprise = method.read(d, d_sigma)
         torch, jog = method.torch, devices.jog.offset
         path += jog
-        torch_y = devices.torch.move(path - torch.offset, height, period)
+        aside = devices.torch_aside
+        torch_y = devices.torch.move(path - torch.offset - aside, height, period) + aside
         cycle = CrawlCycle(
             self.phase,
             self.number,
