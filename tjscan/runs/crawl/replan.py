@@ -98,7 +98,8 @@ class CrawlPassPlanner:
 
     def middle_moved(self, at: float) -> float:
         """See `JointLook.middle_moved`; the planner's groove closes from the left (assumption)."""
-        return float(np.interp(at, self.s, self._closed)) / 2
+        s = np.concatenate((self.s[:1] - EDGE_POOLING, self.s, self.s[-1:] + EDGE_POOLING))
+        return float(np.interp(at, s, np.pad(self._closed, 1))) / 2
 
     def unread_stretch(self) -> float:
         """See `PassPlanner.unread_stretch`."""
