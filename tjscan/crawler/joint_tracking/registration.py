@@ -182,7 +182,13 @@ def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
 
 
 def register_profile(
-    t: Array, z: Array, reference: ReferenceProfile, start: JointPlacement, noise: float
+    t: Array,
+    z: Array,
+    reference: ReferenceProfile,
+    start: JointPlacement,
+    noise: float,
+    *,
+    is_followed: bool = False,
 ) -> tuple[JointPlacement, float] | None:
     """Lay a profile on a reference.
 
@@ -195,14 +201,16 @@ def register_profile(
         Where the joint was last.
     noise : float
         Standard deviation of z, in metres.
+    is_followed : bool, optional
+        Whether the joint was read just before, and so is no other one.
 
     Returns
     -------
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
-        of the points that lie on the reference. None if too few do, if one side of the
-        joint no longer shows where it is and no bead covers its edge, or if steel is gone that the
-        reference shows.
+        of the points that lie on the reference. None if too few do, if one side of a joint that
+        may be another no longer shows where it is and no bead covers its edge, or if steel is gone
+        that the reference shows.
     """
     x = t * z
     roll = start.roll
@@ -245,7 +253,8 @@ def register_profile(
         seen.append(weight[side] @ shift_information[side] / max(side_total, 1e-12))
         if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE:
             near_edge = side & _is_near_edge(u, reference)
-            if not np.median((deep - place[1])[near_edge]) < -LEAST_COVER:
+            is_covered = np.median((deep - place[1])[near_edge]) < -LEAST_COVER
+            if not (is_followed or is_covered):
                 return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if shift_information[side] @ deeper > MOST_DEEPER_SHARE * side_total:

@@ -242,7 +242,10 @@ class JointTracker:
     def _read_by_reference(
         self, row: _ProfileRays, reference: ReferenceProfile, last: ButtJointReading
     ) -> ButtJointReading:
-        found = registration.register_profile(row.t, row.z, reference, last, self._noise)
+        followed = self._lost < REFUSALS_BEFORE_SEARCH
+        found = registration.register_profile(
+            row.t, row.z, reference, last, self._noise, is_followed=followed
+        )
         if found is None or found[1] < LEAST_SHARE_ON_REFERENCE:
             raise row.ambiguity("the profile does not look like the last one taken here")
         placement, _ = found
