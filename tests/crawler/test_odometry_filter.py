@@ -22,6 +22,17 @@ def test_noise_is_smoothed_and_its_mean_kept() -> None:
     assert 1.0e-3 < turn.mean() < 1.1e-3
 
 
+@pytest.mark.parametrize("sigma", [1e-4, 3.5e-4, 2e-3])
+def test_the_noise_of_the_turn_rate_is_learned(sigma: float) -> None:
+    rng, found = np.random.default_rng(2), OdometryFilter()
+    out = [
+        found.smooth(Twist(0.005, 1e-3 + sigma * rng.standard_normal()), PERIOD, Twist(0.005, 1e-3))
+        for _ in range(4000)
+    ]
+    learned = np.sqrt(np.mean([one.turn_rate_variance for one in out[1000:]]))
+    assert learned == pytest.approx(sigma, rel=0.15)
+
+
 @pytest.mark.parametrize("speed", [0.02, 0.06])
 def test_a_ramp_is_followed_as_the_encoders_show_it(speed: float) -> None:
     found, travel, seen, now = OdometryFilter(), 0.0, 0.0, -speed

@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 from command import tjscan
 from crawls import SHORT
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tjscan.cli.output.crawl import TerminalWeldOperator
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.control_cycle import CrawlDevices, JointSensor
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.plan import PassSettings
-from tjscan.crawler.torch_axes import RegisteredTorch, SimulatedTorchAxes, TorchJog
+from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchJog
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.recording.journal import RunEvent
@@ -54,11 +52,19 @@ def crawl(tmp_path: Path, change: tuple[str, str] = ("", ""), jog: TorchJog | No
     return notes
 
 
-@given(aside=st.floats(-0.01, 0.01), y=st.floats(-0.01, 0.01))
-def test_places_count_from_the_zero_of_the_laser(aside: float, y: float) -> None:
-    axes = SimulatedTorchAxes(0.03, 1.0)
-    assert RegisteredTorch(axes, aside).move(y, 0.0, 1.0) == pytest.approx(y, abs=1e-12)
-    assert axes.y + aside == pytest.approx(y, abs=1e-12)
+def test_places_count_from_the_zero_of_the_laser(tmp_path: Path) -> None:
+    aside = "[torch]\naside_mm = 2.0\n[simulation]\ntorch_aside_mm = 2.0\n"
+    (file := tmp_path / "short.toml").write_text(
+        SHORT.replace("[simulation.vehicle]\n", aside + "[simulation.vehicle]\n")
+    )
+    context, notes = CrawlContext(read_crawl_job(file), file), Notes()
+    cell = make_crawl_cell(context.job)
+    with cell:
+        make_crawler(context, cell, context.make_method(), notes).run()
+    assert isinstance(cell.torch, SimulatedTorchAxes)
+    assert notes.cycles[-1].torch_y == pytest.approx(cell.torch.y + 2 * MM, abs=1e-12)
+    burning = [cycle for cycle in notes.cycles if cycle.arc]
+    assert max(abs(cycle.deviation) for cycle in burning) < 0.1 * MM
 
 
 def test_what_is_jogged_adds_up_to_its_limit_and_no_farther() -> None:

@@ -7,10 +7,10 @@ import pytest
 from grooves import MM, Groove, Noise, pulled_in, raised_cosine, seen
 
 from tjscan.core.frames import Array
-from tjscan.groove.interreflection import NotchPull, find_pull
 from tjscan.groove.read import order_points
 from tjscan.groove.search import find_supported_fits
 from tjscan.groove.settings import DEFAULT_SETTINGS
+from tjscan.groove.shape import NotchPull, find_pull
 from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile
 

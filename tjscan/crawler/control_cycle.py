@@ -91,6 +91,8 @@ class CrawlDevices:
         How far the laser's line is ahead of the torch, metres.
     power : PowerSource, optional
         Of the arc; without, the torch has one of its own.
+    torch_aside : float, optional
+        How far the torch is to the right of the laser's zero where its axis is at zero, metres.
     """
 
     vehicle: Vehicle
@@ -102,6 +104,7 @@ class CrawlDevices:
     jog: TorchJog = field(default_factory=lambda: TorchJog(0.0))
     laser_to_torch: float = 0.5
     power: PowerSource | None = None
+    torch_aside: float = 0.0
 
 
 class JointSensor:
@@ -247,6 +250,7 @@ class ControlCycle:
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
         self.bends: list[float] = []
+        self._may_bend = False
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
@@ -257,6 +261,7 @@ class ControlCycle:
         """Strike the arc, or end it."""
         self._devices.torch.set_arc(burning=burning)
         self.arc = burning
+        self._may_bend &= not burning
         where = f"pass {self.number} at {1e3 * self.travel:.1f} mm"
         if jog := self._devices.jog.offset:
             where += f", the torch jogged by {1e3 * jog:+.2f} mm"
@@ -332,7 +337,8 @@ class ControlCycle:
             surprise = method.read(d, d_sigma)
         torch, jog = method.torch, devices.jog.offset
         path += jog
-        torch_y = devices.torch.move(path - torch.offset, height, period)
+        aside = devices.torch_aside
+        torch_y = devices.torch.move(path - torch.offset - aside, height, period) + aside
         cycle = CrawlCycle(
             self.phase,
             self.number,
@@ -361,7 +367,7 @@ class ControlCycle:
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:
-            aligns = self.phase in (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT)
+            aligns = self._may_bend and self.phase is not Phase.WELDING
             self._watch.add(
                 twist,
                 state.odometry,
@@ -421,6 +427,7 @@ class ControlCycle:
     def enter(self, event: Event, detail: str) -> None:
         """Go on to the phase that an event leads to."""
         phase = next_phase(self.phase, event)
+        self._may_bend |= phase is Phase.FORWARD_ALIGNMENT
         if phase in TRACED_PHASES and (trace := self._tracer.finish()) is not None:
             self._journal.record(trace)
             self._journal.record(RunEvent(TORCH_EVENT, trace.text))

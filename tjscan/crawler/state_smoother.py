@@ -53,11 +53,6 @@ class StateSmoother:
         self._information += np.outer(h, h / variance)
         self._transition = self._transition - np.outer(gain, h)
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether no state is kept."""
-        return not self._kept
-
     def keep(self, x: Array, P: Array, shares: Array) -> None:
         """Keep the state and covariance that the filter has now.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 
 class TorchAxes(AbstractContextManager["TorchAxes"], Protocol):
@@ -54,40 +54,6 @@ class TorchJog:
     def move(self, by: float) -> None:
         """Go on to the right by metres, up to the limit."""
         self.offset = min(max(self.offset + by, -self.limit), self.limit)
-
-
-class RegisteredTorch:
-    """Torch axes whose places count from the laser's zero.
-
-    Parameters
-    ----------
-    axes : TorchAxes
-    aside : float
-        How far the torch is to the right of the laser's zero where its axis is at zero, metres.
-    """
-
-    def __init__(self, axes: TorchAxes, aside: float) -> None:
-        self._axes, self._aside = axes, aside
-
-    def __enter__(self) -> Self:
-        self._axes.__enter__()
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._axes.__exit__(*error)
-
-    @property
-    def arc(self) -> bool:
-        """Whether the arc burns."""
-        return self._axes.arc
-
-    def move(self, y: float, z: float, period: float) -> float:
-        """Go towards a place to the right of the laser's zero; see `TorchAxes.move`."""
-        return self._axes.move(y - self._aside, z, period) + self._aside
-
-    def set_arc(self, *, burning: bool) -> None:
-        """Strike the arc, or end it."""
-        self._axes.set_arc(burning=burning)
 
 
 class FixedTorch:

@@ -1636,7 +1636,7 @@ static PyObject *cheapest_chains(PyObject *self, PyObject *const *args, Py_ssize
     return list;
 }
 
-/* ---- errors of corners: groove/shape.py, groove/interreflection.py ---- */
+/* ---- errors of corners: groove/shape.py ---- */
 
 enum { MOST_PULLS = 32 };
 
@@ -1747,7 +1747,7 @@ static void gaps_beside_corners(const Fitted *f, double (*found)[2])
         }
 }
 
-/* A flank of a notch as groove/interreflection.py has it. */
+/* A flank of a notch as groove/shape.py has it. */
 typedef struct {
     double cx, cz, tx, tz, limit, square;
     double met[MOST_PULLS], bearing[MOST_PULLS];

@@ -66,10 +66,8 @@ taken, and by which the best of them is."""
 ROUGH_REACH_SIGMAS: Final = 2.0
 """How far the points of a rough side lie off it, in standard deviations of its residuals."""
 
-_KIND_BENDS: Final = np.array([kind.bend for kind in CANDIDATE_KINDS])
-_KIND_UNEVENNESS: Final = np.array([kind.unevenness for kind in CANDIDATE_KINDS])
 _KIND_TABLE: Final = np.array([astuple(kind) for kind in CANDIDATE_KINDS])
-_KIND_SEED_POINTS: Final = np.array([[kind.seed_points] for kind in CANDIDATE_KINDS])
+_KIND_BENDS, _KIND_UNEVENNESS, _KIND_SEED_POINTS = _KIND_TABLE.T[:3]
 
 LEAST_PIVOT: Final = 1e-18
 """Least weighted square of the spread of points, in m⁴: less is rounding."""
@@ -182,7 +180,8 @@ def propose_candidates(points: ProjectivePoints, pieces: Pieces) -> CandidateSid
 def _grow_seeds(pieces: Pieces, variance: float) -> NDArray[np.uint8]:
     """Kind, and which pieces continue one that is a seed, with it, shape (m, 1 + P)."""
     points = pieces.stop - pieces.first
-    kind, seed = ((points >= _KIND_SEED_POINTS) & (_KIND_SEED_POINTS > 0)).nonzero()
+    least = _KIND_SEED_POINTS[:, None]
+    kind, seed = ((points >= least) & (least > 0)).nonzero()
     count = len(points)
     member = np.zeros((len(seed), count), dtype=np.bool_)
     member[np.arange(len(seed)), seed] = True

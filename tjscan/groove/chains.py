@@ -27,12 +27,8 @@ from tjscan.groove.candidates import (
 )
 from tjscan.groove.pieces import ProjectivePoints
 from tjscan.groove.reflections import PointRuns
-from tjscan.groove.settings import (
-    LEAST_FACE_TURN,
-    GrooveModel,
-    SideModel,
-)
-from tjscan.groove.sides import Index, Polyline
+from tjscan.groove.settings import LEAST_FACE_TURN, GrooveModel, SideModel
+from tjscan.groove.sides import Index
 
 FEWEST_INNER_POINTS: Final = 2.8
 """Points that must support an inner side: four at half a tolerance count as three."""
@@ -201,10 +197,6 @@ class ChainSearch:
             if all(np.abs(corners[i] - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
                 found.append(SideChain(float(costs[i]), chains[i].tolist(), corners[i]))
         return found
-
-    def as_polyline(self, chain: SideChain) -> Polyline:
-        """The curves of a chain."""
-        return Polyline(self.candidates.as_curves(chain.sides), chain.corners, chain.cost)
 
     def _exact_costs(self, chains: Index, places: Index) -> Array:
         """What all points pay if only runs that lie off a chain as a whole are reflections, (m,).

@@ -18,7 +18,7 @@ from tjscan.core.frames import Array, array_dataclass
 from tjscan.groove.read import order_points
 from tjscan.groove.reflections import find_runs
 from tjscan.groove.root import HOLLOW_SIGMA_SHARE, WELD_IN_GROOVE
-from tjscan.groove.section import GrooveSection, section_from_points
+from tjscan.groove.section import GrooveSection, section_in_plane
 from tjscan.groove.settings import DEFAULT_SETTINGS, TEE_PARTLY_FILLED, GrooveSettings
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -313,26 +313,18 @@ def _filled_groove(
     _add_face(covariance, (2, 3, 7), flank.covariance_at(s_toe), _normal(flank, s_toe), 0.0)
     leg_along, leg_turn = _tangent_and_turn(leg, s_foot)
     _add_face(covariance, (4, 5, 7), leg.covariance_at(s_foot), _normal(leg, s_foot), leg_turn)
-    corners = np.zeros((5, 3))
-    corners[:, [0, 2]] = points[0], top, toe, foot, points[-1]
     weld = slice(begin, max(begin, stop))
     sigmas = _sigmas_along_rays(row, wall, leg)
     gaps = np.linalg.norm(np.diff(np.vstack((toe, points[weld], foot)), axis=0), axis=1)
     spread = leg.inflation * float(sigmas[weld] ** 2 @ gaps[1:] ** 2)
     spread += HOLLOW_SIGMA_SHARE**2 * float(np.sum(gaps**4))
-    section = section_from_points(
-        corners,
-        wall_s=(tangent[0], 0.0, tangent[1]),
-        leg_s=(leg_along[0], 0.0, leg_along[1]),
+    section = section_in_plane(
+        np.array((points[0], top, toe, foot, points[-1])),
+        ((tangent[0], tangent[1]), (leg_along[0], leg_along[1])),
         rms=wall.sigma,
         covariance=covariance,
         surface=points[weld],
-    )
-    of_measures = section.measure_covariance.copy()
-    of_measures[3, 3] += spread
-    section = replace(
-        section,
-        measure_covariance=of_measures,
+        area_variance=spread,
         model=TEE_PARTLY_FILLED.name,
         conditions=(WELD_IN_GROOVE,),
         absent=() if flank is bevel else ("p2",),

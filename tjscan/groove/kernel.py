@@ -17,12 +17,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.settings import SideModel
-from tjscan.groove.sides import (
-    SCALING_LENGTH,
-    CubicCurve,
-    FittedProfile,
-    Polyline,
-)
+from tjscan.groove.sides import SCALING_LENGTH, CubicCurve, FittedProfile, Polyline
 from tjscan.laser.profile import Profile
 
 KERNEL_VERSION: Final = 5
@@ -58,7 +53,7 @@ def refine_fit(
     known: Sequence[Array],
 ) -> FittedProfile | None:
     """What `refinement.refine_fit` gives."""
-    n = len(row)
+    n = row.x_s.size
     values, points, keep = _fit_record(len(model)).copy(), np.empty((2, n)), np.empty(n, np.bool_)
     found = compiled.refine_fit(
         *(row.x_s, row.z_s, row.columns, np.array(start.sides), start.corners),
@@ -73,6 +68,7 @@ def refine_fit(
         curves=tuple(map(CubicCurve._make, value["curves"].tolist())),
         places=tuple(map(tuple, value["places"].tolist())),
         edges=edges,
+        spans=tuple(map(slice, edges, edges[1:])),
         along=points[0],
         residuals=points[1],
         keep=keep,

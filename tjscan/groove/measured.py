@@ -89,12 +89,7 @@ class MeasuredSection:
 
 
 def section_to_result_frame(
-    groove: GrooveSection,
-    T_r_s: Array,
-    frame: str,
-    *,
-    index: int,
-    station: str = "1",
+    groove: GrooveSection, T_r_s: Array, frame: str, *, index: int, station: str = "1"
 ) -> MeasuredSection:
     """Transform a section that was read in a profile into the frame of the result.
 

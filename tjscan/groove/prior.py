@@ -46,9 +46,6 @@ from none at the crown to all of it at the saddle. Across the groove it changes 
 LEAST_BEND_SIGMA: Final = 0.15
 """Least standard deviation of a bend in 1/m: of 0.02 mm in 12 mm, which undulation makes too."""
 
-SECTIONS_ASKED_FOR_FORM: Final = 3
-"""Of so many sections before, one with another form is reason enough to look for it again."""
-
 LARGEST_STRAIGHT_BEND: Final = 1.0
 """A side that bends by less, in 1/m, is most likely straight: how far others seemed to bend shows
 less of it than that."""
@@ -82,15 +79,12 @@ class SectionEvidence:
         Log-likelihood of each of `NOTCH_PULLS`.
     log_thicknesses : ndarray, shape (2, n)
         Log-likelihood of each of `SCALE_THICKNESSES` on wall and leg.
-    form : str
-        Name of the form of groove that was read; empty if this is not known.
     """
 
     bends: Array
     bend_sigmas: Array
     log_pulls: Array
     log_thicknesses: Array
-    form: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,16 +103,12 @@ class GroovePrior:
         Logarithm of the probability of each of `NOTCH_PULLS`.
     log_thicknesses : ndarray, shape (2, n)
         Logarithm of the probability of each of `SCALE_THICKNESSES` on wall and leg.
-    forms : frozenset of str
-        Names of the forms of groove that the last sections had.
     """
 
     bends: Array = field(default_factory=lambda: np.zeros(2))
     bend_sigmas: Array = field(default_factory=lambda: np.full(2, inf))
     log_pulls: Array = field(default_factory=lambda: _PULL_LOG_PRIOR)
     log_thicknesses: Array = field(default_factory=lambda: _THICKNESS_LOG_PRIOR)
-
-    forms: frozenset[str] = frozenset()
 
     @classmethod
     def from_sections(cls, sections: Sequence[tuple[SectionEvidence, float]]) -> GroovePrior:
@@ -157,11 +147,10 @@ class GroovePrior:
             sigmas[best, (0, 1)],
             _mix_with_base_probabilities(pulls, prior.log_pulls),
             _mix_with_base_probabilities(thicknesses, prior.log_thicknesses),
-            frozenset(one.form for one, _ in sections[-SECTIONS_ASKED_FOR_FORM:] if one.form),
         )
 
     def expected_model(self, model: GrooveModel) -> GrooveModel:
-        """A groove's model, and its alternatives, with what is known of their form and bends."""
+        """A groove's model, and its alternatives, with what is known of their bends."""
         sides = list(model.sides)
         for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
             if sigma < sides[k].bend and sides[k].bend > LARGEST_STRAIGHT_BEND:
@@ -172,10 +161,7 @@ class GroovePrior:
                     expected_bend=float(bend),
                 )
         others = tuple(map(self.expected_model, model.alternatives))
-        likely_another = not self.forms.isdisjoint(other.name for other in others)
-        return replace(
-            model, sides=tuple(sides), alternatives=others, likely_another=likely_another
-        )
+        return replace(model, sides=tuple(sides), alternatives=others)
 
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:

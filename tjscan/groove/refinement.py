@@ -191,9 +191,8 @@ def refine_fit(
     if kernel.compiled is not None:
         return kernel.refine_fit(kernel.compiled, row, start, model, tolerance, annealed, known)
     widths = FIRST_ROUND_TOLERANCES if annealed else ()
-    spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
+    spread, expected, roughness, bead = side_priors(model)
     curved, inflation = spread[:, 0] > 0, _GUESSED_VARIANCE_INFLATION
-    bead = np.array([side.bead for side in model])
     # What sticks to the long outer sides is wider than their noise.
     reach = np.ones(len(model))
     reach[[0, -1]] = OUTER_SIDE_REACH
@@ -209,7 +208,7 @@ def refine_fit(
         else:
             noticed = np.maximum(OUTLIER_SIGMAS * sigmas, OUTLIER_SIGMAS * LEAST_NOISE)
             limits = np.minimum(noticed, tolerance * reach)
-        limits = np.maximum(limits, _face_bluntness(start, model))
+        limits = np.maximum(limits, np.maximum(roughness, _face_bluntness(start, bead)))
         prior = prior_weights(spread, curved, sigmas, inflation), expected
         if fitted is not None and count < REBASED_ROUNDS:
             # Nearly the same curves, written over their tangents.
@@ -246,15 +245,11 @@ def refine_fit(
     return replace(fitted, variance_inflation=inflation, straight=straight)
 
 
-def _face_bluntness(line: Polyline, model: tuple[SideModel, ...]) -> Array:
+def _face_bluntness(line: Polyline, bead: NDArray[np.bool_]) -> Array:
     """How far the face of each bead may lie off a parabola, shape (k,), in metres; else zero."""
-    found = np.array([side.roughness for side in model])
-    for k, side in enumerate(model):
-        if side.bead:
-            gap = line.corners[k] - line.corners[k - 1]
-            bow = abs(line.sides[k].c2) * float(gap @ gap) / 4
-            found[k] = max(found[k], FACE_BLUNTNESS * bow)
-    return found
+    bends = np.abs([side.c2 for side in line.sides[1:-1]])
+    chords = np.square(np.diff(line.corners, axis=0)).sum(axis=1)
+    return np.asarray(bead * np.pad(FACE_BLUNTNESS * bends * chords / 4, 1))
 
 
 def prior_weights(
@@ -281,11 +276,12 @@ def solve_with_prior(
     weight : ndarray, shape (k, 4)
         What the prior adds to the diagonals; a coefficient that has to be zero weighs
         `FIXED_WEIGHT`.
-    expected : ndarray, shape (k, 4)
-        Its mean, for the other coefficients.
+    expected : ndarray, shape (k,)
+        Its mean, for the bends.
     """
     inverse = np.linalg.inv(equations[0] + weight[:, :, None] * np.eye(4))
-    rhs = equations[1] + np.where(weight < FIXED_WEIGHT, weight * expected, 0.0)
+    rhs = equations[1].copy()
+    rhs[:, 2] += np.where(weight[:, 2] < FIXED_WEIGHT, weight[:, 2] * expected, 0.0)
     return (inverse @ rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
 
@@ -357,6 +353,7 @@ def _fit_sides_once(
         met[1],
         met[0],
         edges,
+        tuple(map(slice, edges, edges[1:])),
         s,
         residuals,
         keep,
@@ -447,7 +444,7 @@ def coefficient_covariances(
 
 def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
-    spread = prior_shape_sigmas(model)
+    spread, *_ = side_priors(model)
     covariances = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     variance = np.maximum(covariances[:, 2, 2], 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * SCALING_LENGTH**2
@@ -457,15 +454,11 @@ def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, .
     return np.where(known, -np.inf, odds)
 
 
-def prior_shape_sigmas(model: tuple[SideModel, ...]) -> Array:
-    """Prior standard deviations of each side's bend and twist, shape (k, 2)."""
-    return np.array(
-        [[side.bend * SCALING_LENGTH**2, side.twist * SCALING_LENGTH**3] for side in model]
-    )
+def side_priors(model: tuple[SideModel, ...]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """What is known of each of k sides, in powers of s / 20 mm.
 
-
-def prior_shape_means(model: tuple[SideModel, ...]) -> Array:
-    """Prior means of each side's coefficients, shape (k, 4): of its bend only."""
-    means = np.zeros((len(model), 4))
-    means[:, 2] = [(side.expected_bend or 0.0) * SCALING_LENGTH**2 for side in model]
-    return means
+    Standard deviations of bend and twist, shape (k, 2), the mean of the bend, how rough it is in
+    metres, and whether it is a bead, shape (k,).
+    """
+    values = kernel.model_values(model)
+    return values[:, :2], values[:, 2], values[:, 3], values[:, 4] > 0

@@ -49,8 +49,9 @@ runs, and noise is correlated, so that a point counts for a part of an independe
 LEAST_READING_ODDS: Final = 0.01
 """Readings less likely than this, over the likeliest, are left out."""
 
-REFLECTION_DISTANCE: Final = 3e-3
-"""How far reflections lie off the surface, in metres."""
+REFLECTION_DISTANCE, NOTCH_REFLECTION_DISTANCE = 3e-3, 4e-3
+"""How far reflections lie off the surface, in metres, and those that look like a bead's face, where
+light finds many ways between the flanks."""
 
 SHARE_ENDING_AT_SURFACE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
 """Share of the reflections that end so near the surface, by chance, that no jump shows."""
@@ -175,9 +176,15 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     """
     bare = without_seam_cap(best.fitted)
     surely = best if bare is best.fitted else replace(best, fitted=bare)
-    covariance = _covariance_of_readings(best, others)
+    odds = [exp(-POINT_LOG_ODDS * (other.cost - best.cost)) for other in others]
+    covariance = _covariance_of_readings(best, others, odds)
     covariance += _reflection_covariance(surely) + _unmodelled_steel_covariance(surely)
-    probability = _form_probability(surely, others)
+    # Each form counts once, by its own likeliest reading. What reflections hide may be of any form.
+    forms: dict[str, float] = {}
+    for other, share in zip(others, odds, strict=True):
+        if other.model is not best.model:
+            forms[other.model.name] = max(share, forms.get(other.model.name, 0.0))
+    probability = (1 - reflection_probability(surely.fitted)) / (1 + sum(forms.values()))
     return replace(best, other_readings=covariance, probability=probability)
 
 
@@ -212,25 +219,6 @@ def without_seam_cap(fitted: FittedProfile) -> FittedProfile:
     return replace(fitted, residuals=residuals)
 
 
-def _odds_against_likelier(other: GrooveFit, best: GrooveFit) -> float:
-    """Odds of a reading against a likelier one."""
-    return exp(-POINT_LOG_ODDS * (other.cost - best.cost))
-
-
-def _form_probability(best: GrooveFit, others: list[GrooveFit]) -> float:
-    """Probability that the groove has the form of the likeliest reading.
-
-    Each form counts once, by its own likeliest reading. What reflections hide may be of any form:
-    it is known no better than the share of points that are none.
-    """
-    odds: dict[str, float] = {}
-    for other in others:
-        if other.model is not best.model:
-            name = other.model.name
-            odds[name] = max(_odds_against_likelier(other, best), odds.get(name, 0.0))
-    return (1 - reflection_probability(best.fitted)) / (1 + sum(odds.values()))
-
-
 def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
     """Pairs of corners, of a and of b, that are the same corner of a groove: its ends."""
     pairs = [(0, 0)]
@@ -245,14 +233,13 @@ def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
     return pairs
 
 
-def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit]) -> Array:
+def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit], odds: list[float]) -> Array:
     """Second moment, about the likeliest reading, of the corners of others, shape (2 k, 2 k).
 
     It adds nothing to the angles of wall and leg, the last two.
     """
     moments: list[tuple[float, Array]] = []
-    for other in sorted(others, key=lambda one: one.cost - best.cost):
-        weight = _odds_against_likelier(other, best)
+    for other, weight in zip(others, odds, strict=True):
         if weight < LEAST_READING_ODDS:
             break
         away = np.zeros(2 * len(best.model.sides))
@@ -318,15 +305,15 @@ def is_outnumbered(row: Profile, fitted: FittedProfile, k: int) -> bool:
     return most_off >= min(most_on, int(fitted.counts[k]))
 
 
-def count_points_seen_through_face(row: Profile, fitted: FittedProfile) -> int:
-    """How many points lie behind a bead's face on the sides beside it, drawn on; few are none."""
-    own = fitted.spans[-2]
+def count_points_seen_through_face(row: Profile, fitted: FittedProfile, k: int) -> int:
+    """How many points lie behind a bead, side k, on those beside it, drawn on; few are none."""
+    own = fitted.spans[k]
     noise = OUTLIER_SIGMAS * np.maximum(fitted.sigmas, LEAST_NOISE)
     behind = fitted.residuals[own] > noise.max()
     if np.count_nonzero(behind) < FEWEST_HIDING:
         return 0
     points = row.points[own][behind]
-    on = [np.abs(fitted.curves[k].signed_distances(points)) < noise[k] for k in (-3, -1)]
+    on = [np.abs(fitted.curves[j].signed_distances(points)) < noise[j] for j in (k - 1, k + 1)]
     count = int(np.count_nonzero(on[0] | on[1]))
     return count if count >= FEWEST_HIDING else 0
 
@@ -410,10 +397,17 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
     meets = corners_seen_from_both_sides(fitted)
     from_wall, from_leg = (np.logical_and.accumulate(m) for m in (meets, meets[::-1]))
     for k, side in enumerate(sides[1:-1], 1):
-        if side.bead:
+        hides = side.bead and (
+            is_outnumbered(fit.row, fitted, k) or count_points_seen_through_face(fit.row, fitted, k)
+        )
+        # A face that goes over into both sides is steel; a bevel's end may be light all the same.
+        if side.bead and meets[k - 1 : k + 1].all() and not hides:
             continue
-        if meets[k - 1 : k + 1].any():
+        if hides:
+            probability = MOST_REFLECTION_PROBABILITY
+        elif meets[k - 1 : k + 1].any():
             jumping = 0.0 if from_wall[k - 1] or from_leg[len(meets) - 1 - k] else 1.0
+            jumping = SHARE_ENDING_AT_SURFACE if side.bead else jumping
             points = int(fitted.counts[k])
             probability = share_in_long_stretches(
                 fit.row, fitted.residuals, points, jumping=jumping
@@ -424,6 +418,7 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
             continue
         away = np.zeros(len(covariance))
         for i in (k - 1, k):
-            away[2 * i : 2 * i + 2] = REFLECTION_DISTANCE * fitted.corner_shift(i, k)
+            distance = NOTCH_REFLECTION_DISTANCE if side.bead else REFLECTION_DISTANCE
+            away[2 * i : 2 * i + 2] = distance * fitted.corner_shift(i, k)
         covariance += probability * np.outer(away, away)
     return covariance

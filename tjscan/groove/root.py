@@ -14,16 +14,12 @@ from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
     LEAST_REFLECTION_DISTANCE,
     MEETING_REACH,
-    MOST_REFLECTION_PROBABILITY,
-    SHARE_ENDING_AT_SURFACE,
-    count_points_seen_through_face,
+    find_runs,
     gaps_beside_corners,
-    is_outnumbered,
     reflection_probability,
-    share_in_long_stretches,
     without_seam_cap,
 )
-from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
+from tjscan.groove.section import TACK_WELD, GrooveSection, section_in_plane
 from tjscan.groove.settings import TEE_PARTLY_FILLED
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -34,7 +30,6 @@ from tjscan.groove.sides import (
     end_of_support,
     intersect_curves,
 )
-from tjscan.groove.weld import find_toe, weld_surface
 from tjscan.laser.profile import Profile
 
 OPEN_ROOT: Final = "open root"
@@ -67,9 +62,6 @@ LEAST_UNSEEN_SIGMA: Final = 0.5e-3
 PROBABILITY_OF_NO_FACE: Final = 0.5
 """Probability that a root which is not seen has no face: as likely as not."""
 
-REFLECTION_DENSITY_IN_NOTCH: Final = 2.0
-"""By how much reflections are denser about a notch, where light finds many ways."""
-
 FARTHEST_ROOT_DISTANCE: Final = 20e-3
 """Metres along bevel or leg in which the root is."""
 
@@ -86,6 +78,24 @@ HOLLOW_SIGMA_SHARE: Final = 0.1
 parabola."""
 
 
+TOE_REACH: Final = 2.5e-3
+"""Points of a weld this near its toe, in metres, show how it meets the flank."""
+
+FEWEST_TOE_POINTS: Final = 4
+
+LEAST_TOE_SIGMA: Final = 0.03e-3
+"""Least standard deviation of a toe along its flank, in metres: no bead begins as a line."""
+
+SEEN_TOE_DISTANCE: Final = 0.5e-3
+"""A flank that is seen up to its toe ends no farther from it, in metres."""
+
+UNSEEN_TOE_SIGMA: Final = 5e-3
+"""The same if too few points show it."""
+
+SURFACE_REACH: Final = 1.5e-3
+"""Points this near a fitted weld, in metres, are of its surface: beads leave it by a millimetre."""
+
+
 def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
     """Read the section of a fitted tee: its corners p2, p3 and p4, and what is found at its root.
 
@@ -100,13 +110,14 @@ def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSect
     """
     bare = without_seam_cap(fit.fitted)
     seam = () if bare is fit.fitted else (SEAM_BESIDE,)
-    if seam:
-        fit = replace(fit, fitted=bare)
+    fit = replace(fit, fitted=bare) if seam else fit
     if fit.model.name == TEE_PARTLY_FILLED.name:
-        return _section_over_weld(fit, covariance, seam)
-    if fit.model.has_root_bead:
-        return _section_with_face(fit, covariance, seam)
-    return _section_without_face(fit, covariance, tolerance, seam)
+        section = _section_over_weld(fit, covariance)
+    elif fit.model.sides[-2].bead:
+        section = _section_with_face(fit, covariance)
+    else:
+        section = _section_without_face(fit, covariance, tolerance)
+    return replace(section, conditions=section.conditions + seam)
 
 
 def _section_with_corners(
@@ -114,9 +125,6 @@ def _section_with_corners(
     corners: Array,
     covariance: Array,
     places: tuple[float, float],
-    surface: Array | None = None,
-    area_variance: float = 0.0,
-    hollow: float = 0.0,
     **found: Any,
 ) -> GrooveSection:
     """Section with given corners p2, p3 and p4, x and z, shape (3, 2), in metres.
@@ -127,44 +135,25 @@ def _section_with_corners(
         Of the coordinates of p2, p3, p4, and of the angles of wall and leg.
     places : tuple of float
         s of p2 on the wall and of p4 on the leg.
-    surface : ndarray, shape (m, 2), optional
-        Points between p3 and p4 that bound the area.
-    area_variance : float
-        Of the area beyond what its corners explain, m⁴.
-    hollow : float
-        Area between the line from p3 to p4 and the face behind it, in m².
     **found
-        What else the section holds.
+        What else `section_in_plane` takes.
     """
     fitted = fit.fitted
     wall, leg = fitted.curves[0], fitted.curves[-1]
-    on_wall, on_leg = fitted.kept_along(0), fitted.kept_along(len(fitted.curves) - 1)
-    points = np.zeros((5, 3))
-    points[0, [0, 2]] = wall.point_on_curve(float(on_wall.min()))
-    points[1:4, [0, 2]] = corners
-    points[4, [0, 2]] = leg.point_on_curve(float(on_leg.max()))
-    t1, t4 = wall.tangent_at(places[0]), leg.tangent_at(places[1])
-    section = section_from_points(
-        points,
-        wall_s=(t1[0], 0.0, t1[1]),
-        leg_s=(t4[0], 0.0, t4[1]),
+    begin = wall.point_on_curve(float(fitted.kept_along(0).min()))
+    end = leg.point_on_curve(float(fitted.kept_along(len(fitted.curves) - 1).max()))
+    return section_in_plane(
+        np.vstack((begin, corners, end)),
+        (wall.tangent_at(places[0]), leg.tangent_at(places[1])),
         rms=float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2))),
         covariance=covariance,
-        surface=surface,
-    )
-    measure_covariance = section.measure_covariance.copy()
-    measure_covariance[3, 3] += area_variance
-    return replace(
-        section,
-        measure_covariance=measure_covariance,
-        area=section.area + hollow,
+        **{"model_probability": fit.probability, **found},
         model=fit.model.name,
         evidence=fit.evidence,
-        **{"model_probability": fit.probability, **found},
     )
 
 
-def _section_with_face(fit: GrooveFit, covariance: Array, seam: tuple[str, ...]) -> GrooveSection:
+def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p2 is the first corner, p3 and p4 are the last ones."""
     fitted = fit.fitted
     last = len(fitted.corners) - 1
@@ -172,7 +161,6 @@ def _section_with_face(fit: GrooveFit, covariance: Array, seam: tuple[str, ...])
     index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
     bow, chord, hollow = _shape_of_face(fitted)
     spread = covariance[index][:, index]
-    spread[2:6, 2:6] += _covariance_if_face_is_reflection(fit)
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     if _is_tack(bow, chord):
@@ -195,30 +183,30 @@ def _section_with_face(fit: GrooveFit, covariance: Array, seam: tuple[str, ...])
         places,
         area_variance=(HOLLOW_SIGMA_SHARE * hollow) ** 2,
         hollow=hollow,
-        conditions=conditions + seam,
+        conditions=conditions,
         absent=absent,
     )
 
 
-def _section_over_weld(fit: GrooveFit, covariance: Array, seam: tuple[str, ...]) -> GrooveSection:
+def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p3 and p4 are the toes of the weld, which bounds the area that is left."""
     fitted, weld = fit.fitted, len(fit.fitted.curves) - 2
     height = np.sqrt(_height_variances(fitted))
     total = _covariance_of_top_and_angles(covariance - fit.other_readings) + fit.other_readings
     corners, places, ends = [fitted.corners[0]], [], []
     for k, flank in ((2, weld - 1), (4, weld + 1)):
-        s, sigma, end = find_toe(fit, flank)
+        s, sigma, end = _find_toe(fit, flank)
         curve = fitted.curves[flank]
         total[k : k + 2, k : k + 2] += _covariance_along_side(curve, s, sigma, height[flank])
         corners.append(np.array(curve.point_on_curve(s)))
         places.append(s)
         ends.append(end)
-    surface = weld_surface(fit, *ends)
+    surface = _weld_surface(fit, *ends)
     chord = corners[2] - corners[1]
     width = float(np.linalg.norm(chord))
     above = (surface - corners[1]) @ (-chord[1], chord[0]) / width
     if _is_tack(float(above.max(initial=0.0)), width):
-        return _section_with_face(fit, covariance, seam)
+        return _section_with_face(fit, covariance)
     seen = np.vstack((corners[1], surface, corners[2])) @ (corners[2] - corners[1])
     own = np.array([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
     for name, along in (("bevel", own), ("weld", seen)):
@@ -235,51 +223,70 @@ def _section_over_weld(fit: GrooveFit, covariance: Array, seam: tuple[str, ...])
         np.array(corners),
         total,
         (fitted.places[0][0], places[1]),
-        surface,
-        HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4)),
-        conditions=(WELD_IN_GROOVE, *seam),
+        surface=surface,
+        area_variance=HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4)),
+        conditions=(WELD_IN_GROOVE,),
     )
 
 
-def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
-    """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
+def _find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
+    """Find where a weld meets one of its flanks.
 
-    One that goes over neither into the bevel nor into the leg may be a reflection. One that
-    goes over into one of them may be spatter there, or its far end may be a reflection: as
-    probably as points are far off the surface in runs that are as long, or half as long where it
-    is far from both. Then the corners are anywhere between the last points of bevel and leg and
-    where these, drawn on, meet.
+    Parameters
+    ----------
+    fit : GrooveFit
+        Whose last side but one is the weld.
+    flank : int
+        Number of the side before or after it.
+
+    Returns
+    -------
+    s, sigma : float
+        Of the toe along the flank, and its standard deviation, in metres.
+    first : int
+        The first point of the weld as seen from the flank.
     """
-    fitted, found = fit.fitted, np.zeros((4, 4))
-    gaps = gaps_beside_corners(fitted)[-2:]
-    meets = (gaps.max(axis=1) < MEETING_REACH).tolist()
-    points = int(fitted.counts[-2])
-    outnumbered = is_outnumbered(fit.row, fitted, -2)
-    outnumbered |= count_points_seen_through_face(fit.row, fitted) > 0
-    if all(meets) and not outnumbered:
-        return found
-    bevel, leg = fitted.curves[-3], fitted.curves[-1]
-    met = intersect_curves(bevel, leg, fitted.places[-2][0])
-    if gaps.max(axis=1).min() > MEETING_REACH:
-        points //= 2
-    for k, curve in ((0, bevel), (2, leg)):
-        jumping = SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0
-        probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=jumping)
-        if not any(meets):
-            probability *= REFLECTION_DENSITY_IN_NOTCH
-        if outnumbered:
-            probability = MOST_REFLECTION_PROBABILITY
-        place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
-        near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
-        far = near + (FARTHEST_ROOT_DISTANCE if k == 0 else -FARTHEST_ROOT_DISTANCE)
-        if met is not None and abs(met[k // 2] - place) < FARTHEST_ROOT_DISTANCE:
-            far = met[k // 2] - place
-        # Mean square of what is uniform between the two.
-        square = (near * near + near * far + far * far) / 3
-        found[k : k + 2, k : k + 2] = _covariance_along_side(
-            curve, place, sqrt(probability * square), 0.0
-        )
-    return found
+    row, fitted = fit.row, fit.fitted
+    weld, n = len(fitted.curves) - 2, len(fit.row.points)
+    curve, order = fitted.curves[flank], 1 if flank < weld else -1
+    # From the far end of the flank to the middle of the weld.
+    own, far = fitted.spans[weld], fitted.spans[flank]
+    reach = (far.start if order > 0 else far.stop), (own.start + own.stop) // 2
+    points = row.points[slice(*reach)] if order > 0 else row.points[slice(*reach[::-1])][::-1]
+    limit = OUTLIER_SIGMAS * max(float(fitted.sigmas[flank]), LEAST_NOISE)
+    end = max(end_of_support(np.abs(curve.signed_distances(points)) < limit), 1)
+    last = points[end - 1]
+    beside = points[end:][np.linalg.norm(points[end:] - last, axis=1) < TOE_REACH]
+    start = curve.position_along_chord(*last.tolist())
+    first = reach[0] + end if order > 0 else reach[0] - 1 - end
+    first = min(max(first, 0), n - 1)
+    if len(beside) >= FEWEST_TOE_POINTS:
+        centre = beside.mean(axis=0)
+        spread, axes = np.linalg.eigh(np.cov(beside.T))
+        direction = axes[:, 1] * np.sign(axes[:, 1] @ (beside[-1] - beside[0]))
+        line = CubicCurve(*centre.tolist(), *direction.tolist())
+        met = intersect_curves(curve, line, start)
+        if met is not None and abs(met[0] - start) < TOE_REACH:
+            tangent = np.array(curve.tangent_at(met[0]))
+            sine = abs(float(tangent[0] * direction[1] - tangent[1] * direction[0]))
+            share = 4 * min(fitted.variance_inflation / len(beside), 1.0)
+            sigma = sqrt(share * max(spread[0], 0.0)) / sine + LEAST_TOE_SIGMA
+            # If the flank ends well before, an undercut or a hole hides the toe.
+            gap = float(gaps_beside_corners(fitted)[-1 - (order > 0), int(order < 0)])
+            sigma += max(abs(met[0] - start) - SEEN_TOE_DISTANCE, 0.0)
+            return met[0], sigma + (gap if gap > MEETING_REACH else 0.0), first
+    return start, UNSEEN_TOE_SIGMA, first
+
+
+def _weld_surface(fit: GrooveFit, first: int, last: int) -> Array:
+    """Points of a weld's surface, shape (m, 2), of those from `first` to `last`, in metres."""
+    points = fit.row.points[first : last + 1]
+    if not len(points):
+        return points
+    near = np.abs(fit.fitted.curves[-2].signed_distances(points)) < SURFACE_REACH
+    # What hangs together with it is of the surface, too, however high it is.
+    runs = find_runs(points, fit.row.columns[first : last + 1])
+    return np.asarray(points[np.logical_or.reduceat(near, runs.first).repeat(runs.count)])
 
 
 def _is_tack(bow: float, chord: float) -> bool:
@@ -300,9 +307,7 @@ def _shape_of_face(fitted: FittedProfile) -> tuple[float, float, float]:
     return float(-away[np.abs(away).argmax()]), chord, hollow
 
 
-def _section_without_face(
-    fit: GrooveFit, covariance: Array, tolerance: float, seam: tuple[str, ...]
-) -> GrooveSection:
+def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
     """p3 and p4 at the ends of bevel and leg, or somewhere between their ends and the apex."""
     row, fitted = fit.row, fit.fitted
     bevel, leg = fitted.curves[-2:]
@@ -328,47 +333,38 @@ def _section_without_face(
         surely = int(np.flatnonzero((off_bevel < min(sure, tolerance))[: last + 1])[-1])
         hidden = abs(int(row.columns[under] - row.columns[surely]))
         s3 = bevel.position_along_chord(*row.points[surely].tolist()) + 0.5 * step * hidden
-        p3 = np.array(bevel.point_on_curve(s3))
-        s4 = leg.position_along_chord(*p3.tolist())
+        p3 = bevel.point_on_curve(s3)
+        s4 = leg.position_along_chord(*p3)
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.
         reflected = float(np.mean((np.abs(fitted.residuals) > LEAST_REFLECTION_DISTANCE) & ~on_leg))
-        hides = min(abs(apex_bevel - s3), FARTHEST_ROOT_DISTANCE)
+        farther = sqrt(reflected / 3)
+        opening = float(np.linalg.norm(np.subtract(p3, leg.point_on_curve(s4))))
         # As many columns may be lost before the edge as after it: their difference is triangular.
-        along = hypot(step * hidden / sqrt(24), sqrt(reflected / 3) * hides)
-        total[2:4, 2:4] = _covariance_along_side(bevel, s3, along, height[-2])
-        points = np.array((fitted.corners[0], p3, leg.point_on_curve(s4)))
-        opening = float(np.linalg.norm(points[1] - points[2]))
-        hides = min(abs(apex_leg - s4), FARTHEST_ROOT_DISTANCE)
-        along = hypot(max(opening / 4, LEAST_UNSEEN_SIGMA), sqrt(reflected / 3) * hides)
-        total[4:6, 4:6] = _covariance_along_side(leg, s4, along, height[-1])
-        return _section_with_corners(
-            fit,
-            points,
-            total,
-            (fitted.places[0][0], s4),
-            conditions=(OPEN_ROOT, *seam),
-            absent=("p4",),
-            root_opening=opening,
+        along_3 = hypot(
+            step * hidden / sqrt(24), farther * min(abs(apex_bevel - s3), FARTHEST_ROOT_DISTANCE)
         )
-    first = len(row.points) - end_of_support(on_leg[turn:][::-1])
-    s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
-    s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
-    reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN_SIGMA)
-    reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN_SIGMA)
-    # What is taken for the ends of bevel and leg may be reflections.
-    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT_DISTANCE
-    total[2:4, 2:4] = _covariance_along_side(bevel, s3, hypot(reach_3, farther), height[-2])
-    total[4:6, 4:6] = _covariance_along_side(leg, s4, hypot(reach_4, farther), height[-1])
+        along_4 = hypot(
+            max(opening / 4, LEAST_UNSEEN_SIGMA),
+            farther * min(abs(apex_leg - s4), FARTHEST_ROOT_DISTANCE),
+        )
+        found: dict[str, Any] = {"conditions": (OPEN_ROOT,), "absent": ("p4",)}
+        found["root_opening"] = opening
+    else:
+        first = len(row.points) - end_of_support(on_leg[turn:][::-1])
+        s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
+        s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
+        # What is taken for the ends of bevel and leg may be reflections.
+        farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT_DISTANCE
+        along_3, along_4 = (
+            hypot(max(abs(away) / sqrt(12), LEAST_UNSEEN_SIGMA), farther)
+            for away in (apex_bevel - s_last, s_first - apex_leg)
+        )
+        found = {"conditions": (ROOT_NOT_SEEN,), "absent": ("p3", "p4")}
+        found["model_probability"] = fit.probability * PROBABILITY_OF_NO_FACE
+    total[2:4, 2:4] = _covariance_along_side(bevel, s3, along_3, height[-2])
+    total[4:6, 4:6] = _covariance_along_side(leg, s4, along_4, height[-1])
     points = np.array((fitted.corners[0], bevel.point_on_curve(s3), leg.point_on_curve(s4)))
-    return _section_with_corners(
-        fit,
-        points,
-        total,
-        (fitted.places[0][0], s4),
-        conditions=(ROOT_NOT_SEEN, *seam),
-        absent=("p3", "p4"),
-        model_probability=fit.probability * PROBABILITY_OF_NO_FACE,
-    )
+    return _section_with_corners(fit, points, total, (fitted.places[0][0], s4), **found)
 
 
 def _first_point_under_bevel(

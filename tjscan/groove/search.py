@@ -27,10 +27,9 @@ from tjscan.groove.chains import (
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
 from tjscan.groove.reflections import (
-    MEETING_REACH,
+    PointRuns,
     count_points_seen_through_face,
     find_runs,
-    gaps_beside_corners,
     stretches_off_surface,
 )
 from tjscan.groove.settings import (
@@ -68,9 +67,6 @@ WELD_COST: Final = 1.0
 MOST_CHAINS_PER_FORM: Final = 3
 """Most chains of one form that are refined."""
 
-UNREACHED_CORNER_COST: Final = 4.0
-"""What a side whose points end before its corner costs, in outliers: reflections often do."""
-
 FEWEST_STEEL_POINTS, UNEXPLAINED_STEEL_COST = 15, 1.0
 """What each point costs more, in outliers, in a stretch of so many at least that lies off the sides
 and goes over into them without a jump: it is steel, and no spatter either, which is smaller."""
@@ -86,12 +82,11 @@ WELD_COST_MARGIN: Final = 20.0
 """By how many outliers a chain with a weld may be dearer than the cheapest and still be refined:
 one bead of several may look like the face of a root, if the steel of the others is not charged."""
 
-LEAST_SHARE_ON_SIDE: Final = 0.25
-"""Share of a side's points that must lie on it if no other form is to be tried."""
-
 
 def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFit]:
     """Find the fits that their points support, the likeliest first, however uncertain its corners.
+
+    Chains that are not much dearer than the cheapest one of any form are refined.
 
     Parameters
     ----------
@@ -103,142 +98,122 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
     GrooveNotFound
         If the points support none.
     """
-    search = _FitSearch(row, settings)
-    search.refine_cheapest_chains()
-    if not search.found:
-        raise search.explain_missing_groove()
-    likeliest = min(search.found, key=lambda fit: fit.cost)
-    supported = sorted(search.supported_fits, key=lambda fit: fit.cost)
-    if not supported or supported[0].cost > likeliest.cost + REFUSED_COST_MARGIN:
+    runs, model = find_runs(row.points, row.columns), settings.model
+    tolerance = settings.support_tolerance
+    points = project_points(row, settings.noise)
+    pieces = find_pieces(points, runs)
+    if not len(pieces.first):
+        raise GrooveNotFound(
+            "no bevel",
+            "all points lie on a few rays: they show no surface. Look at the groove more "
+            "squarely, or check the sensor's columns.",
+            row.points,
+        )
+    candidates = propose_candidates(points, pieces)
+    search = ChainSearch(points, candidates, runs, tolerance)
+    starts = [
+        (chain.cost + _cost_of_form(form), form, chain)
+        for form in (model, *model.alternatives)
+        for chain in search.cheapest_chains(form, MOST_CHAINS_PER_FORM)
+    ]
+    starts.sort(key=lambda start: start[0])
+    found: list[GrooveFit] = []
+    for cost, form, chain in starts:
+        margin = WELD_COST_MARGIN if form.sides[-2].roughness else RIVAL_COST_MARGIN
+        if cost <= starts[0][0] + margin or all(fit.objection for fit in found):
+            start = Polyline(candidates.as_curves(chain.sides), chain.corners, chain.cost)
+            found += _refine_chain(row, runs, form, start, settings, tolerance, found)
+    if not found:
+        raise _explain_missing_groove(search, model, row.points)
+    likeliest = min(found, key=lambda fit: fit.cost)
+    supported = [fit for fit in found if not fit.objection]
+    if not supported or min(fit.cost for fit in supported) > likeliest.cost + REFUSED_COST_MARGIN:
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
     if any(fit.model.sides[-2].roughness for fit in supported):
-        supported = sorted(map(search.charge_for_steel, supported), key=lambda fit: fit.cost)
-    return supported
+        supported = [_charge_for_steel(fit, runs, tolerance) for fit in supported]
+    return sorted(supported, key=lambda fit: fit.cost)
 
 
-class _FitSearch:
-    """What was tried already, and what came of it."""
+def _charge_for_steel(fit: GrooveFit, runs: PointRuns, tolerance: float) -> GrooveFit:
+    """A fit with what the steel costs that it leaves unexplained.
 
-    def __init__(self, row: Profile, settings: GrooveSettings) -> None:
-        self.found: list[GrooveFit] = []
-        self.tolerance = settings.support_tolerance
-        self._row, self._settings = row, settings
-        self._runs = find_runs(row.points, row.columns)
-        points = project_points(row, settings.noise)
-        pieces = find_pieces(points, self._runs)
-        if not len(pieces.first):
-            raise GrooveNotFound(
-                "no bevel",
-                "all points lie on a few rays: they show no surface. Look at the groove more "
-                "squarely, or check the sensor's columns.",
-                row.points,
+    Beside many reflections some join the surface by chance: then nothing is charged.
+    """
+    off = _costs_of_points_on_sides(fit.fitted, fit.model, tolerance) >= 1
+    first, stop, joins = stretches_off_surface(runs, off)
+    length = (stop - first)[joins.all(axis=0)]
+    steel = float(length[length >= FEWEST_STEEL_POINTS].sum())
+    charged = steel > MOST_OF_OUTLIERS * np.count_nonzero(off)
+    return replace(fit, cost=fit.cost + UNEXPLAINED_STEEL_COST * steel * charged)
+
+
+def _refine_chain(
+    row: Profile,
+    runs: PointRuns,
+    model: GrooveModel,
+    start: Polyline,
+    settings: GrooveSettings,
+    tolerance: float,
+    found: list[GrooveFit],
+) -> list[GrooveFit]:
+    """Refine a chain; none if its sides fit no points together, or lead to a fit that was found."""
+    known = [fit.fitted.corners for fit in found if fit.model is model]
+    best: FittedProfile | None = None
+    least = np.inf
+    for sides, annealed in ((model.sides, True), (model.sides, False), (None, False)):
+        if sides is None:
+            if best is not None or not model.sides[-2].bead:
+                break
+            # Few points of a face may bend it away from its neighbours: it is drawn straight.
+            sides = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
+        fitted = refine_fit(row, start, sides, tolerance, annealed=annealed, known=known)
+        if fitted is not None:
+            pays = _costs_of_points_on_sides(fitted, model, tolerance)
+            # Reflections count in full: beside many it is fitted in both ways.
+            if (total := float(pays.sum())) < least:
+                best, least, costs = fitted, total, pays
+        if least < start.cost + STRAYED_SUPPORT_SHARE * len(row.points):
+            break
+    if best is None or any(
+        np.abs(best.corners - other).max() < SAME_FIT_DISTANCE for other in known
+    ):
+        return []
+    cost = float(runs.total_cost(costs)) + _cost_of_form(model)
+    for k, side in enumerate(model.sides):
+        if side.bead:
+            cost += SEEN_THROUGH_COST * count_points_seen_through_face(row, best, k)
+    return [GrooveFit(row, model, best, cost, _reason_to_reject(best, model, settings))]
+
+
+def _explain_missing_groove(
+    search: ChainSearch, model: GrooveModel, points: Array
+) -> GrooveNotFound:
+    """What a profile without a groove of this model shows instead."""
+    first, last = model.sides[0].name, model.sides[-1].name
+    for kept, hidden, way in ((slice(1, None), first, "up"), (slice(None, -1), last, "down")):
+        if len(model.sides) == LEAST_SIDES:
+            break
+        anywhere = TurnBounds(-pi, pi)
+        sides, turns = model.sides[kept], model.turns[kept]
+        part = replace(model, sides=sides, turns=turns, across=anywhere)
+        chains = search.cheapest_chains(part, 1)
+        if not chains or chains[0].cost > PARTIAL_GROOVE_SHARE * len(points):
+            continue
+        # What is left of the side beside the hidden one is no longer than it may be.
+        end, corner = (points[0], 0) if way == "up" else (points[-1], -1)
+        length = float(np.linalg.norm(end - chains[0].corners[corner]))
+        if length < sides[corner].longest / SIDE_LENGTH_SLACK:
+            return GrooveNotFound(
+                "out of range",
+                f"no {hidden} is seen beside the rest of the groove: move the sensor {way}",
+                points,
             )
-        candidates = propose_candidates(points, pieces)
-        self._chains = ChainSearch(points, candidates, self._runs, self.tolerance)
-
-    @property
-    def supported_fits(self) -> list[GrooveFit]:
-        """The fits that the points support."""
-        return [fit for fit in self.found if fit.objection is None]
-
-    def charge_for_steel(self, fit: GrooveFit) -> GrooveFit:
-        """A fit with what the steel costs that it leaves unexplained.
-
-        Beside many reflections some join the surface by chance: then nothing is charged.
-        """
-        off = _costs_of_points_on_sides(fit.fitted, fit.model, self.tolerance) >= 1
-        first, stop, joins = stretches_off_surface(self._runs, off)
-        length = (stop - first)[joins.all(axis=0)]
-        steel = float(length[length >= FEWEST_STEEL_POINTS].sum())
-        charged = steel > MOST_OF_OUTLIERS * np.count_nonzero(off)
-        return replace(fit, cost=fit.cost + UNEXPLAINED_STEEL_COST * steel * charged)
-
-    def refine_cheapest_chains(self) -> None:
-        """Refine the chains that are not much dearer than the cheapest one of any form.
-
-        Those of other forms are left out if a cheaper one needs no comparison.
-        """
-        model = self._settings.model
-        starts = [
-            (chain.cost + _cost_of_form(form), form, chain)
-            for form in (model, *model.alternatives)
-            for chain in self._chains.cheapest_chains(form, MOST_CHAINS_PER_FORM)
-        ]
-        starts.sort(key=lambda start: start[0])
-        settled = None
-        for cost, form, chain in starts:
-            margin = WELD_COST_MARGIN if form.sides[-2].roughness else RIVAL_COST_MARGIN
-            if self.supported_fits and cost > starts[0][0] + margin:
-                continue
-            if settled in (None, len(form.sides)):
-                fit = self._refine(form, self._chains.as_polyline(chain))
-                if fit and not (fit.objection or model.likely_another) and _is_convincing(fit):
-                    settled = len(form.sides)
-
-    def _refine(self, model: GrooveModel, start: Polyline) -> GrooveFit | None:
-        """Refine a chain; None if its sides fit no points together, or lead to a fit that is known.
-
-        What is found is kept.
-        """
-        row, runs, tolerance = self._row, self._runs, self.tolerance
-        known = [fit.fitted.corners for fit in self.found if fit.model is model]
-        best: FittedProfile | None = None
-        least = np.inf
-        for sides, annealed in ((model.sides, True), (model.sides, False), (None, False)):
-            if sides is None:
-                if best is not None or not model.has_root_bead:
-                    break
-                # Few points of a face may bend it away from its neighbours: it is drawn straight.
-                sides = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
-            fitted = refine_fit(row, start, sides, tolerance, annealed=annealed, known=known)
-            if fitted is not None:
-                pays = _costs_of_points_on_sides(fitted, model, tolerance)
-                # Reflections count in full: beside many it is fitted in both ways.
-                if (total := float(pays.sum())) < least:
-                    best, least, costs = fitted, total, pays
-            if least < start.cost + STRAYED_SUPPORT_SHARE * len(row.points):
-                break
-        if best is None or any(
-            np.abs(best.corners - other).max() < SAME_FIT_DISTANCE for other in known
-        ):
-            return None
-        seen = gaps_beside_corners(best) < MEETING_REACH
-        cost = float(runs.total_cost(costs))
-        cost += _cost_of_form(model) + UNREACHED_CORNER_COST * np.count_nonzero(~seen)
-        if model.has_root_bead:
-            cost += SEEN_THROUGH_COST * count_points_seen_through_face(row, best)
-        objection = _reason_to_reject(best, model, self._settings)
-        self.found.append(GrooveFit(row, model, best, cost, seen, objection))
-        return self.found[-1]
-
-    def explain_missing_groove(self) -> GrooveNotFound:
-        """What a profile without a groove of this model shows instead."""
-        model, points = self._settings.model, self._row.points
-        first, last = model.sides[0].name, model.sides[-1].name
-        for kept, hidden, way in ((slice(1, None), first, "up"), (slice(None, -1), last, "down")):
-            if len(model.sides) == LEAST_SIDES:
-                break
-            anywhere = TurnBounds(-pi, pi)
-            sides, turns = model.sides[kept], model.turns[kept]
-            part = replace(model, sides=sides, turns=turns, across=anywhere)
-            chains = self._chains.cheapest_chains(part, 1)
-            if not chains or chains[0].cost > PARTIAL_GROOVE_SHARE * len(points):
-                continue
-            # What is left of the side beside the hidden one is no longer than it may be.
-            end, corner = (points[0], 0) if way == "up" else (points[-1], -1)
-            length = float(np.linalg.norm(end - chains[0].corners[corner]))
-            if length < sides[corner].longest / SIDE_LENGTH_SLACK:
-                return GrooveNotFound(
-                    "out of range",
-                    f"no {hidden} is seen beside the rest of the groove: move the sensor {way}",
-                    points,
-                )
-        names = ", ".join(side.name for side in model.sides)
-        return GrooveNotFound(
-            "no bevel",
-            f"no {names} that meet one after the other (with x_s up, the {first} is at high x_s)",
-            points,
-        )
+    names = ", ".join(side.name for side in model.sides)
+    return GrooveNotFound(
+        "no bevel",
+        f"no {names} that meet one after the other (with x_s up, the {first} is at high x_s)",
+        points,
+    )
 
 
 def _cost_of_form(model: GrooveModel) -> float:
@@ -268,15 +243,6 @@ def _turn_between(before: tuple[float, float], after: tuple[float, float]) -> fl
     """Turn from one direction to another, positive in a valley."""
     (ax, az), (bx, bz) = before, after
     return atan2(ax * bz - az * bx, ax * bx + az * bz)
-
-
-def _is_convincing(found: GrooveFit) -> bool:
-    """Whether it needs no comparison with other forms.
-
-    Every corner is seen from both sides, and every side is seen well.
-    """
-    fitted = found.fitted
-    return bool(found.seen.all()) and float(fitted.inlier_shares.min()) >= LEAST_SHARE_ON_SIDE
 
 
 def _reason_to_reject(

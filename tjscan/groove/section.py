@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, copysign, hypot, nan
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -285,3 +285,41 @@ def section_from_points(
         covariance[6:, 6:],
         found.jacobian @ covariance @ found.jacobian.T,
     )
+
+
+def section_in_plane(
+    points: Array,
+    tangents: tuple[Pair, Pair],
+    *,
+    rms: float,
+    covariance: Array,
+    surface: Array | None = None,
+    area_variance: float = 0.0,
+    hollow: float = 0.0,
+    **found: Any,
+) -> GrooveSection:
+    """Section of p1 to p5, x and z, shape (5, 2), and the tangents of wall and leg.
+
+    Parameters
+    ----------
+    points, tangents
+        Metres, and of unit length.
+    rms, covariance, surface
+        As `section_from_points` takes them.
+    area_variance : float
+        Of the area beyond what its corners explain, m⁴.
+    hollow : float
+        Area between the line from p3 to p4 and what bounds it, in m².
+    **found
+        What else the section holds.
+    """
+    in_space = np.zeros((5, 3))
+    in_space[:, [0, 2]] = points
+    wall, leg = ((x, 0.0, z) for x, z in tangents)
+    section = section_from_points(
+        in_space, wall_s=wall, leg_s=leg, rms=rms, covariance=covariance, surface=surface
+    )
+    of_measures = section.measure_covariance.copy()
+    of_measures[3, 3] += area_variance
+    area = section.area + hollow
+    return replace(section, measure_covariance=of_measures, area=area, **found)

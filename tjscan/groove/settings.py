@@ -76,9 +76,6 @@ class GrooveModel:
         From the first side to the last.
     alternatives : tuple of GrooveModel
         What such a groove may look like instead; the points decide.
-    likely_another : bool
-        Whether it likely looks like one of these: then it is compared with all of them, however
-        well it fits by itself.
     """
 
     name: str
@@ -86,7 +83,6 @@ class GrooveModel:
     turns: tuple[TurnBounds, ...]
     across: TurnBounds
     alternatives: tuple[GrooveModel, ...] = ()
-    likely_another: bool = False
 
     def __post_init__(self) -> None:
         if len(self.sides) < LEAST_SIDES or len(self.turns) != len(self.sides) - 1:
@@ -96,11 +92,6 @@ class GrooveModel:
     def has_section_points(self) -> bool:
         """Whether its corners are the five points of a section, which a scan needs."""
         return len(self.sides) == SECTION_SIDE_COUNT
-
-    @property
-    def has_root_bead(self) -> bool:
-        """Whether the last side but one is the face of a root bead."""
-        return self.sides[-2].bead
 
 
 LEAST_OPENING_ANGLE: Final = radians(20)

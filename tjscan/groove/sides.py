@@ -203,6 +203,8 @@ class FittedProfile:
         x and z in metres.
     edges : list of int
         First point of each side, and the number n of points; k + 1.
+    spans : tuple of slice
+        The points of each side.
     along : ndarray, shape (n,)
         Each point's s on its side.
     residuals : ndarray, shape (n,)
@@ -234,6 +236,7 @@ class FittedProfile:
     places: tuple[tuple[float, float], ...]
     corners: Array
     edges: list[int]
+    spans: tuple[slice, ...]
     along: Array
     residuals: Array
     keep: NDArray[np.bool_]
@@ -246,11 +249,6 @@ class FittedProfile:
     middles: tuple[float, ...]
     variance_inflation: float = 1.0
     straight: Array | None = None
-
-    @property
-    def spans(self) -> tuple[slice, ...]:
-        """The points of each side among the row's."""
-        return tuple(map(slice, self.edges, self.edges[1:]))
 
     def kept_along(self, k: int) -> Array:
         """Values of s of the points that the fit of side k rests on."""
@@ -273,11 +271,6 @@ class FittedProfile:
         return np.array((tx, tz)) / (tx * own[1] - tz * own[0])
 
     @property
-    def inlier_shares(self) -> Array:
-        """Share of each side's points that the fit rests on, shape (k,)."""
-        return np.asarray(self.counts / np.diff(self.edges))
-
-    @property
     def points_on_sides(self) -> NDArray[np.bool_]:
         """Points on their sides, shape (n,), with those left out of a fit for their neighbours."""
         close = OUTLIER_SIGMAS * max(median(self.sigmas.tolist()), LEAST_NOISE)
@@ -298,9 +291,6 @@ class GrooveFit:
         Its sides and corners.
     cost : float
         What all points and sides pay, in outliers.
-    seen : ndarray of bool, shape (k - 1, 2)
-        Whether points lie beside each corner on the side before and on the side after it:
-        reflections rarely reach the surfaces that they seem to meet.
     objection : str, optional
         Why the points do not support it.
     steel_covariance : float or ndarray, shape (2 k, 2 k)
@@ -321,7 +311,6 @@ class GrooveFit:
     model: GrooveModel
     fitted: FittedProfile
     cost: float
-    seen: NDArray[np.bool_]
     objection: str | None = None
     steel_covariance: Array | float = 0.0
     other_readings: Array | float = 0.0

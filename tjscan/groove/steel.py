@@ -8,17 +8,16 @@ known better from the sections before.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from math import hypot, inf, isfinite, log, sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, unit_vectors
 from tjscan.groove import kernel
-from tjscan.groove.interreflection import PULL_RELATIVE_SIGMA, closeness_to_notch, estimate_pull
 from tjscan.groove.prior import (
     NOTCH_PULLS,
     SCALE_THICKNESSES,
@@ -38,6 +37,16 @@ from tjscan.groove.sides import (
     corners_between_sides,
 )
 from tjscan.laser.profile import Profile
+
+PULL_REACH: Final = 4e-3
+"""Distance from a notch in metres within which points are pulled in: real profiles
+show 3 to 5 mm."""
+
+PULL_RELATIVE_SIGMA: Final = 0.15
+"""Share of itself by which a pull is uncertain, for its reach is."""
+
+FEWEST_PULLED_POINTS: Final = 4
+"""Points about a notch that show a pull."""
 
 MISLEADING_FLANK_SHARE: Final = 0.02
 """Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
@@ -91,141 +100,117 @@ profile, and how high these are, in metres: a wave of 0.2 mm in 10 mm rises by l
 MOST_STEEL_ROUNDS: Final = 3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SideWithScale:
-    """One side looked at as two levels of surface.
+class SideOnSteel(NamedTuple):
+    """What m points of an outer side show of the steel under mill scale.
 
     Parameters
     ----------
-    base : CubicCurve
-        Tangent of the fitted side, from which s and heights count.
-    costs : ndarray, shape (n, l)
-        What each of l surfaces costs with each of `SCALE_THICKNESSES`, in squared standard
-        deviations.
-    surfaces : ndarray, shape (l, 3)
-        Coefficients of their heights behind the tangent, in powers of s.
-    sigma : float
-        Standard deviation of a block of points, in metres.
-    along, heights : ndarray, shape (m,)
-        Of the side's points, moved back from where light pulls them; in metres.
-    expected_bend, bend_sigma : float
-        Of the side, in 1/m.
-    """
-
-    base: CubicCurve
-    costs: Array
-    surfaces: Array
-    sigma: float
-    along: Array
-    heights: Array
-    expected_bend: float
-    bend_sigma: float
-
-    @property
-    def log_likelihoods(self) -> Array:
-        """Log-likelihood of each of `SCALE_THICKNESSES`, shape (n,)."""
-        least = self.costs.min(axis=1)
-        return np.asarray(-0.5 * BLOCK_EVIDENCE_WEIGHT * (least - least[0]))
-
-    def height_variance(self, thickness: float, s: float) -> float:
-        """Mean square by which other likely surfaces lie off the likeliest one at s, in m²."""
-        cost = self.costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
-        best = int(cost.argmin())
-        likely = np.exp(-0.5 * BLOCK_EVIDENCE_WEIGHT * (cost - cost[best]))
-        away = (self.surfaces - self.surfaces[best]) @ np.array((1.0, s, s * s))
-        return float(likely @ away**2 / likely.sum())
-
-    def find_steel(self, thickness: float) -> SteelSurface:
-        """Which points lie on scale of a thickness in metres, and where the steel is."""
-        cost = self.costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
-        surface = self.surfaces[int(cost.argmin())]
-        basis = np.stack((np.ones_like(self.along), self.along, self.along**2))
-        expected = np.array((0.0, 0.0, self.expected_bend))
-        known = np.diag((0.0, 0.0, self.bend_sigma**-2))
-        for _ in range(MOST_STEEL_ROUNDS):
-            off = self.heights - surface @ basis
-            on_scale = (np.abs(off + thickness) < np.abs(off)) & (thickness > 0)
-            raised = np.where(on_scale, self.heights + thickness, self.heights)
-            used = np.abs(raised - surface @ basis) < OUTLIER_SIGMAS * self.sigma
-            if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * POINTS_PER_SCALE_BLOCK:
-                break
-            # A block's standard deviation is a mean's: its points count as one.
-            weighted = basis[:, used] / (POINTS_PER_SCALE_BLOCK * self.sigma**2)
-            information, seen = weighted @ basis[:, used].T, weighted @ raised[used]
-            surface = np.linalg.solve(information + known, seen + known @ expected)
-        else:
-            alone = np.linalg.inv(information)
-            bend, sigma = float((alone @ seen)[2]), sqrt(max(float(alone[2, 2]), 0.0))
-            return SteelSurface(on_scale, self._curve(surface), bend, sigma)
-        return SteelSurface(on_scale, self._curve(surface), self.expected_bend, inf)
-
-    def _curve(self, surface: Array) -> CubicCurve:
-        c0, c1, c2 = surface.tolist()
-        return self.base._replace(c0=c0, c1=c1, c2=c2)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SteelSurface:
-    """Where the steel of a side is.
-
-    Parameters
-    ----------
+    log_thicknesses : ndarray, shape (n,)
+        Log-likelihood of each of `SCALE_THICKNESSES`.
+    bend, bend_sigma : float
+        Of the steel as the points alone show it, and the standard deviation, in 1/m; infinite where
+        they show none.
+    thickness : float
+        Of the scale, in metres; zero where there is most likely none.
     on_scale : ndarray of bool, shape (m,)
-        Which of the side's points lie on scale.
+        Which points lie on scale.
     curve : CubicCurve
         The steel.
-    bend, bend_sigma : float
-        Its bend as the points alone show it and the standard deviation, in 1/m; infinite where
-        they show none.
+    height_variance : float
+        Mean square by which other likely surfaces lie off it at the side's corner, in m².
     """
 
-    on_scale: NDArray[np.bool_]
-    curve: CubicCurve
+    log_thicknesses: Array
     bend: float
     bend_sigma: float
+    thickness: float
+    on_scale: NDArray[np.bool_]
+    curve: CubicCurve
+    height_variance: float
 
 
-def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale | None:
-    """Look at an outer side as two levels; None if it shows too little.
+def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
+    """Look at outer side k as two levels; None if it shows too little.
 
-    Parameters
-    ----------
-    fit : GrooveFit
-    k : int
-        Number of the side.
-    pulled : ndarray, shape (n,)
-        How far light seems to pull each of the row's points, square to its side, in metres.
+    `known` is the logarithm of what is known of each of `SCALE_THICKNESSES`.
     """
-    fitted, side = fit.fitted, fit.model.sides[k]
-    own = fitted.spans[k]
+    fitted, side, own = fit.fitted, fit.model.sides[k], fit.fitted.spans[k]
     near = np.flatnonzero(np.abs(fitted.residuals[own]) < SURFACE_REACH)
     count = len(near) // POINTS_PER_SCALE_BLOCK
     if count < FEWEST_BLOCKS_OF_SIDE:
         return None
     base = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
     s, d = base.local_coordinates(fit.row.points[own])
-    d = d + pulled[own] - base.c3 * s**3
+    d = d - base.c3 * s**3
     blocks = near[: count * POINTS_PER_SCALE_BLOCK].reshape(count, POINTS_PER_SCALE_BLOCK)
-    along, heights = (
-        s[blocks].mean(axis=1),
-        np.sort(d[blocks], axis=1)[:, INNER_POINTS].mean(axis=1),
-    )
+    along = s[blocks].mean(axis=1)
+    heights = np.sort(d[blocks], axis=1)[:, INNER_POINTS].mean(axis=1)
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
     correlated = min(fitted.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
     sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
-    expected, bend_sigma = side.expected_bend or 0.0, side.bend
-    a, b, c = _three_blocks(count)
+    expected = np.array((0.0, 0.0, side.expected_bend or 0.0))
+    prior = expected, np.diag((0.0, 0.0, side.bend**-2))
+    surfaces = np.vstack((_surfaces_through_blocks(along, heights), (base.c0, base.c1, base.c2)))
+    off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
+    costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
+    costs += ((surfaces[:, 2] - expected[2]) / side.bend) ** 2
+    cheapest = costs.min(axis=1)
+    log_thicknesses = -0.5 * BLOCK_EVIDENCE_WEIGHT * (cheapest - cheapest[0])
+    thickness = _mean_if_present(SCALE_THICKNESSES, posterior(known, log_thicknesses))
+    cost = costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
+    best = int(cost.argmin())
+    on_scale, surface, bend, bend_sigma = _fit_steel(
+        (s, d), surfaces[best], thickness, sigma, prior
+    )
+    c0, c1, c2 = surface.tolist()
+    likely = np.exp(-0.5 * BLOCK_EVIDENCE_WEIGHT * (cost - cost[best]))
+    corner = base.position_along_chord(*fitted.corners[0 if k == 0 else -1].tolist())
+    away = (surfaces - surfaces[best]) @ np.array((1.0, corner, corner * corner))
+    return SideOnSteel(
+        np.asarray(log_thicknesses),
+        bend,
+        bend_sigma,
+        thickness,
+        on_scale,
+        base._replace(c0=c0, c1=c1, c2=c2),
+        float(likely @ away**2 / likely.sum()),
+    )
+
+
+def _fit_steel(
+    points: tuple[Array, Array],
+    surface: Array,
+    thickness: float,
+    sigma: float,
+    prior: tuple[Array, Array],
+) -> tuple[NDArray[np.bool_], Array, float, float]:
+    """Which points, s and d, lie on scale; the steel; its bend and sigma by the points alone."""
+    (s, d), (expected, known) = points, prior
+    basis = np.stack((np.ones_like(s), s, s**2))
+    for _ in range(MOST_STEEL_ROUNDS):
+        off = d - surface @ basis
+        on_scale = (np.abs(off + thickness) < np.abs(off)) & (thickness > 0)
+        raised = np.where(on_scale, d + thickness, d)
+        used = np.abs(raised - surface @ basis) < OUTLIER_SIGMAS * sigma
+        if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * POINTS_PER_SCALE_BLOCK:
+            return on_scale, surface, float(expected[2]), inf
+        # A block's standard deviation is a mean's: its points count as one.
+        weighted = basis[:, used] / (POINTS_PER_SCALE_BLOCK * sigma**2)
+        information, seen = weighted @ basis[:, used].T, weighted @ raised[used]
+        surface = np.asarray(np.linalg.solve(information + known, seen + known @ expected))
+    alone = np.linalg.inv(information)
+    return on_scale, surface, float((alone @ seen)[2]), sqrt(max(float(alone[2, 2]), 0.0))
+
+
+def _surfaces_through_blocks(along: Array, heights: Array) -> Array:
+    """Parabolas through three blocks each, shape (l, 3), that are not too steep for steel."""
+    a, b, c = _three_blocks(len(along))
     sa, sb, sc = along[a], along[b], along[c]
     first = (heights[b] - heights[a]) / (sb - sa)
     bend = ((heights[c] - heights[b]) / (sc - sb) - first) / (sc - sa)
     slope = first - bend * (sa + sb)
     surfaces = np.column_stack((heights[a] - sa * (slope + sa * bend), slope, bend))
-    surfaces = surfaces[np.abs(surfaces[:, 1]) < STEEPEST_SLOPE_UNDER_SCALE]
-    surfaces = np.vstack((surfaces, (base.c0, base.c1, base.c2)))
-    off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
-    costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
-    costs += ((surfaces[:, 2] - expected) / bend_sigma) ** 2
-    return SideWithScale(base, costs, surfaces, sigma, s, d, expected, bend_sigma)
+    return np.asarray(surfaces[np.abs(surfaces[:, 1]) < STEEPEST_SLOPE_UNDER_SCALE])
 
 
 @lru_cache
@@ -276,14 +261,14 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     """
     if prior is None and (not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))):
         return fit
-    bare, back = _fit_without_scale(fit, prior, tolerance)
+    bare = _fit_without_scale(fit, prior, tolerance)
     moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
     if moved and reflection_probability(bare.fitted) < MOST_REFLECTED_BESIDE_SCALE:
         # From there scale is seen that was too far off before.
-        bare, back = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
-    if prior is None or not fit.model.has_root_bead:
+        bare = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
+    if prior is None or not fit.model.sides[-2].bead:
         return bare
-    return _fit_without_pull(bare, back, prior, tolerance)
+    return _fit_without_pull(bare, prior, tolerance)
 
 
 def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
@@ -295,61 +280,41 @@ def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
     return bool(np.count_nonzero(steps) >= FEWEST_SCALE_STEPS)
 
 
-def _fit_without_scale(
-    fit: GrooveFit, prior: GroovePrior | None, tolerance: float
-) -> tuple[GrooveFit, Array]:
-    """The fit on the steel under mill scale, and how far points were moved back, (n,) metres."""
+def _fit_without_scale(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) -> GrooveFit:
+    """The fit on the steel under mill scale."""
     row, fitted, last = fit.row, fit.fitted, len(fit.model.sides) - 1
-    has_face = fit.model.has_root_bead
-    expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if prior and has_face else 0.0
-    notch = fitted.corners[-2:] if has_face else fitted.corners[-1:]
-    pulled = expected_pull * closeness_to_notch(row.points, notch)
-    scaled: dict[int, SideWithScale] = {}
-    for k in (0, last):
-        own = fitted.spans[k]
-        square = np.zeros(len(row.points))
-        square[own] = fitted.curves[k].chord_sines_with_rays(row.points[own])
-        seen = find_side_with_scale(fit, k, pulled * square)
-        if seen is not None:
-            scaled[k] = seen
     known = (prior or GroovePrior()).log_thicknesses
     log_thicknesses = np.zeros((2, len(SCALE_THICKNESSES)))
     covariance = np.zeros((2 * last + 2,) * 2)
     back = np.zeros(len(row.points))
     bends, sigmas = np.zeros(2), np.full(2, np.inf)
     curves = list(fitted.curves)
-    for k, seen in scaled.items():
-        own, side = fitted.spans[k], int(k > 0)
-        log_thicknesses[side] = seen.log_likelihoods
-        probability = posterior(known[side], log_thicknesses[side])
-        thickness = _mean_if_present(SCALE_THICKNESSES, probability)
-        steel = seen.find_steel(thickness)
-        bends[side], sigmas[side] = steel.bend, steel.bend_sigma
-        if not thickness:
+    for side, k, corner in ((0, 0, 0), (1, last, last - 1)):
+        steel = _find_steel(fit, k, known[side])
+        if steel is None:
             continue
-        back[own] = steel.on_scale * thickness / seen.base.chord_sines_with_rays(row.points[own])
+        log_thicknesses[side] = steel.log_thicknesses
+        bends[side], sigmas[side] = steel.bend, steel.bend_sigma
+        if not steel.thickness:
+            continue
+        own = fitted.spans[k]
+        sines = steel.curve.chord_sines_with_rays(row.points[own])
+        back[own] = steel.on_scale * steel.thickness / sines
         curves[k] = steel.curve
-        corner = 0 if k == 0 else last - 1
-        s = seen.base.position_along_chord(*fitted.corners[corner].tolist())
         shift = fitted.corner_shift(corner, k)
         index = slice(2 * corner, 2 * corner + 2)
-        variance = seen.height_variance(thickness, s) + MISTAKEN_LEVEL_SHARE * thickness**2
+        variance = steel.height_variance + MISTAKEN_LEVEL_SHARE * steel.thickness**2
         covariance[index, index] += variance * np.outer(shift, shift)
     no_pulls = np.zeros(len(NOTCH_PULLS))
-    evidence = SectionEvidence(bends, sigmas, no_pulls, log_thicknesses, fit.model.name)
+    evidence = SectionEvidence(bends, sigmas, no_pulls, log_thicknesses)
     fit = replace(fit, steel_covariance=covariance, evidence=evidence)
-    return _fit_moved_points(fit, back, tolerance, tuple(curves)), back
+    return _fit_moved_points(fit, back, tolerance, tuple(curves))
 
 
-def _fit_without_pull(
-    fit: GrooveFit, moved: Array, prior: GroovePrior, tolerance: float
-) -> GrooveFit:
-    """The fit behind where light between the faces pulls the notch in.
-
-    Points were moved back before for scale, (n,) metres.
-    """
+def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> GrooveFit:
+    """The fit behind where light between the faces pulls the notch in."""
     fitted, face = fit.fitted, len(fit.model.sides) - 2
-    log_pulls = _pull_log_likelihoods(fit, moved)
+    log_pulls = _pull_log_likelihoods(*_estimate_pull(fit))
     probability = posterior(prior.log_pulls, log_pulls)
     pull = _mean_if_present(NOTCH_PULLS, probability)
     doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_RELATIVE_SIGMA * pull) ** 2
@@ -358,7 +323,7 @@ def _fit_without_pull(
         at = fitted.corners[corner][None]
         sine = float(fitted.curves[face].chord_sines_with_rays(at)[0])
         shift[2 * corner : 2 * corner + 2] = sine * fitted.corner_shift(corner, face)
-    closeness = closeness_to_notch(fit.row.points, fitted.corners[-2:])
+    closeness = _closeness_to_notch(fit.row.points, fitted.corners[-2:])
     # At its ends the face is pulled in most. Few of its points would be bent by less between.
     closeness[fitted.spans[face]] = 1.0
     curves = list(fitted.curves)
@@ -371,27 +336,63 @@ def _fit_without_pull(
     return _fit_moved_points(fit, pull * closeness, tolerance, tuple(curves))
 
 
-def _pull_log_likelihoods(fit: GrooveFit, moved: Array) -> Array:
-    """Log-likelihood of each of `NOTCH_PULLS`.
+def _pull_log_likelihoods(pull: float, sigma: float) -> Array:
+    """Log-likelihood of each of `NOTCH_PULLS`, from an estimate and its standard deviation."""
+    if not isfinite(sigma):
+        return np.zeros(len(NOTCH_PULLS))
+    spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
+    density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
+    return np.log((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE)
 
-    If points about the notch were moved back, (n,) metres, what was taken for scale may as well
-    be pulled.
+
+def _closeness_to_notch(points: Array, notch: Array) -> Array:
+    """Share of the pull that points take, shape (n,): a raised cosine of their distance.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+    notch : ndarray, shape (m, 2)
+        Its corners, x and z in metres.
+    """
+    away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
+
+
+def _estimate_pull(fit: GrooveFit) -> tuple[float, float]:
+    """Estimate a pull from the flanks of a root with a face: weighted least squares.
+
+    In metres, and its standard deviation, infinite where nothing shows it. It may come out
+    negative.
     """
     row, fitted = fit.row, fit.fitted
-    doubtful = np.where(closeness_to_notch(row.points, fitted.corners[-2:]) > 0, moved, 0.0)
-    rows = [row, _moved_along_rays(row, -doubtful)] if doubtful.any() else [row]
-    likelihood = np.zeros(len(NOTCH_PULLS))
-    for one in rows:
-        pull, sigma = estimate_pull(one, fitted, fit.model)
-        if isfinite(sigma):
-            spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
-            density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
-            likelihood += ((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE) / len(
-                rows
-            )
-        else:
-            likelihood += 1 / len(rows)
-    return np.log(likelihood)
+    closeness = _closeness_to_notch(row.points, fitted.corners[-2:])
+    value, information = 0.0, 0.0
+    last = len(fitted.curves) - 1
+    for k in (last - 2, last):
+        own, side = fitted.spans[k], fit.model.sides[k]
+        curve = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
+        points = row.points[own]
+        s, d = curve.local_coordinates(points)
+        pull = -closeness[own] * curve.chord_sines_with_rays(points)
+        close = closeness[own] > 0
+        off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
+        sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
+        used = fitted.keep[own] | (close & (np.abs(off) < 2 * OUTLIER_SIGMAS * sigma))
+        if np.count_nonzero(close & used) < FEWEST_PULLED_POINTS:
+            continue
+        expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
+        basis = np.stack([s[used] ** p for p in range(4)])
+        g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
+        variance = sigma**2 * fitted.variance_inflation
+        known = np.zeros(4)
+        known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
+        taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))
+        left = g - taken[:, 0] @ basis
+        value += float(left @ y) / variance
+        information += float(left @ g) / variance
+    if information <= 0:
+        return 0.0, inf
+    return value / information, 1 / sqrt(information)
 
 
 def _moved_along_rays(row: Profile, away: Array) -> Profile:

@@ -17,7 +17,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.plan import PassSettings
-from tjscan.crawler.torch_axes import RegisteredTorch, SimulatedTorchAxes, TorchAxes
+from tjscan.crawler.torch_axes import SimulatedTorchAxes, TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings, TorchDriverInputs
 from tjscan.job.crawl.weld import CrawlWeld
 from tjscan.job.devices import DeviceGroup, make_laser_without_arm
@@ -241,10 +241,9 @@ def make_crawl_cell(
     torch: TorchAxes = job.torch.make_device(
         TorchDriverInputs(reach=job.torch.reach, speed=job.torch.speed, vehicle=link)
     )
-    registered = RegisteredTorch(torch, job.torch.aside) if job.torch.aside else torch
     if world is None:
         laser = make_laser_without_arm(job.laser)
-        return CrawlCell(vehicle, laser, registered, power=_make_power_source(job, ask, monotonic))
+        return CrawlCell(vehicle, laser, torch, power=_make_power_source(job, ask, monotonic))
     body = vehicle.body if isinstance(vehicle, SimulatedVehicle) else None
 
     def disturb(burning: bool) -> None:
@@ -268,12 +267,12 @@ def make_crawl_cell(
     power = _make_power_source(job, ask, clock, weld.torch_raised)
     if job.laser.driver_kind is not DriverKind.SIMULATED:
         laser = make_laser_without_arm(job.laser)
-        return CrawlCell(vehicle, laser, registered, weld, power=power)
+        return CrawlCell(vehicle, laser, torch, weld, power=power)
     rng = np.random.default_rng([world.seed, LASER_RANDOM_STREAM])
     section_laser = SimulatedSectionLaser(
         weld.section_below_laser, weld.laser_model, clock, rng=rng
     )
-    return CrawlCell(vehicle, section_laser, registered, weld, clock, power)
+    return CrawlCell(vehicle, section_laser, torch, weld, clock, power)
 
 
 def _make_power_source(

@@ -17,11 +17,7 @@ import numpy as np
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.sourced import NumberSource, mean_of_numbers, number_entry, value_entry
-from tjscan.core.units import (
-    MM,
-    MM_S,
-    NO_UNIT,
-)
+from tjscan.core.units import MM, MM_S, NO_UNIT
 from tjscan.crawler.journal import (
     CRAWL_RECORDING,
     ArcReading,

@@ -259,6 +259,7 @@ def make_crawler(
         context.jog,
         job.vehicle.laser_to_torch,
         cell.power,
+        job.torch.aside,
     )
     plan = CrawlPlan(job.alignment, job.weld, tuple(passes) or job.passes, planner)
     corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
