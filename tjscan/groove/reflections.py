@@ -392,26 +392,27 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
     It surely is one if it goes over, by way of others or not, into the wall or into the leg. What
     goes over only into what itself goes over into neither may be a reflection with it.
     """
-    fitted, sides = fit.fitted, fit.model.sides
+    row, fitted, sides = fit.row, fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
     meets = corners_seen_from_both_sides(fitted)
     from_wall, from_leg = (np.logical_and.accumulate(m) for m in (meets, meets[::-1]))
     for k, side in enumerate(sides[1:-1], 1):
         hides = side.bead and (
-            is_outnumbered(fit.row, fitted, k) or count_points_seen_through_face(fit.row, fitted, k)
+            is_outnumbered(row, fitted, k) or count_points_seen_through_face(row, fitted, k)
         )
+        together = meets[k - 1 : k + 1]
         # A face that goes over into both sides is steel; a bevel's end may be light all the same.
-        if side.bead and meets[k - 1 : k + 1].all() and not hides:
+        if side.bead and together.all() and not hides:
             continue
+        jumping = 0.0 if from_wall[k - 1] or from_leg[len(meets) - 1 - k] else 1.0
+        if side.bead:
+            jumping = SHARE_ENDING_AT_SURFACE if together.any() else 1.0
         if hides:
             probability = MOST_REFLECTION_PROBABILITY
-        elif meets[k - 1 : k + 1].any():
-            jumping = 0.0 if from_wall[k - 1] or from_leg[len(meets) - 1 - k] else 1.0
-            jumping = SHARE_ENDING_AT_SURFACE if side.bead else jumping
-            points = int(fitted.counts[k])
-            probability = share_in_long_stretches(
-                fit.row, fitted.residuals, points, jumping=jumping
-            )
+        elif side.bead or together.any():
+            # A face that goes over into neither may be half of what such light makes.
+            points = int(fitted.counts[k]) // (1 if together.any() else 2)
+            probability = share_in_long_stretches(row, fitted.residuals, points, jumping=jumping)
         else:
             probability = reflection_probability(fitted)
         if not probability:
