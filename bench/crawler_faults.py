@@ -24,7 +24,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from math import nan, pi, radians
+from math import inf, nan, pi, radians
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -177,8 +177,8 @@ class Found:
     faults: list[tuple[str, Found]] = field(default_factory=list)
 
     def rms(self, number: int) -> float:
-        """Of the torch in a pass, mm; NaN if it was not welded."""
-        off = self.off.get(number, [nan])
+        """Of the torch in a pass, mm; infinite if it was not welded."""
+        off = self.off.get(number, [inf])
         return 1e3 * float(np.sqrt(np.mean(np.square(off))))
 
 

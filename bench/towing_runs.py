@@ -28,6 +28,8 @@ from _tow_disturbances import (
 from _tow_faults import BEND, FAULTS, fault_over_broker, random_fault
 from _tow_paper import (
     TABLE_III,
+    VA_PIECE,
+    VA_SEAM,
     estimate_rows,
     identification_rows,
     printed_passer_by_rows,
@@ -98,7 +100,8 @@ def paper_rows(*, quick: bool) -> list[Row]:
     """The paper's own vehicles and path, its estimate's errors, and what cable it is."""
     keys = TABLE_III | (seam_piece("tow-yard", 0.0, 0.2) if quick else {})
     tows = [tow_quietly("tow-yard", keys, seed) for seed in (SEEDS[:1] if quick else SEEDS)]
-    rows = [*table_three_rows(tows), *printed_passer_by_rows(1), *estimate_rows(1)]
+    rows = [*table_three_rows(tows), *printed_passer_by_rows(1)]
+    rows += estimate_rows(1, VA_PIECE if quick else VA_SEAM)
     return rows if quick else [*rows, *identification_rows(1)]
 
 

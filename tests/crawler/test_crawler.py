@@ -137,6 +137,23 @@ def test_little_knowledge_does_not_make_a_torch_far_off_aligned(
     assert any("2.5 mm off the joint" in text for text in told) != far
 
 
+@pytest.mark.parametrize(("bends", "goes_on"), [([], False), ([0.1], False), ([0.1, 1.5], True)])
+def test_from_a_bend_on_the_longest_way_counts_anew(bends: list[float], goes_on: bool) -> None:
+    class GoesOn(Exception):
+        """It drives another cycle."""
+
+    def drive(speed: float) -> None:
+        raise GoesOn
+
+    crawler: Any = SimpleNamespace(
+        _plan=SimpleNamespace(alignment=AlignmentSettings(longest=1.2)),
+        _cycle=SimpleNamespace(travel=2.0, phase="forward", bends=bends, drive=drive),
+        _method=SimpleNamespace(torch=TorchEstimate(6e-3, 1e-3, 0.0)),
+    )
+    with pytest.raises(GoesOn if goes_on else CrawlStopped):
+        Crawler._align_forward(crawler, 0.0)
+
+
 def blind(profiles: list[Profile]) -> Profile:
     return replace(profiles[-1], z_s=profiles[-1].z_s * nan)
 

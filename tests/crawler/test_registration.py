@@ -207,6 +207,16 @@ def test_joint_with_a_bead_over_one_edge_is_where_the_other_edge_shows() -> None
     assert abs(np.mean(errors)) < np.mean(sigmas)
 
 
+def test_one_side_does_not_show_the_joint_where_a_bead_ended() -> None:
+    beads = WeldBead(level=14e-3), WeldBead(level=20e-3, crown=5e-3, left=-0.1, right=1.4)
+    joint, rng = HullJoint(beads=beads), np.random.default_rng(1)
+    against = reference(joint=joint, passes=1)
+    changing = replace(against, noise=against.noise + 0.4e-3)
+    profiles = [see(joint, rng, passes=2) for _ in range(20)]
+    assert None not in [register(profile, against, true_placement()) for profile in profiles]
+    assert {register(profile, changing, true_placement()) for profile in profiles} == {None}
+
+
 def test_error_that_placements_share_does_not_average_out() -> None:
     rng = np.random.default_rng(0)
     profiles = [see(CAPPED, rng) for _ in range(10)]

@@ -12,7 +12,11 @@ import pytest
 from command import tjscan
 
 from tjscan.core.errors import ConfigurationError, LookRefused, TjscanError
+from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices
 from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
+from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
+from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import CrawlCycle, PlannedPass, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
@@ -312,3 +316,38 @@ def show(
                 z_s = np.where(np.abs(across) < 9.5e-3, np.nan, profile.z_s)
                 cycle = replace(cycle, profile=replace(profile, z_s=z_s))
             planner.see(cycle, placement)
+
+
+class MovedLook:
+    """A look at a joint whose middle has moved, and a journal of what is read."""
+
+    def __init__(self) -> None:
+        self.read = list[float]()
+
+    def record(self, message: object) -> None:
+        self.read += [message.d] if isinstance(message, CrawlCycle) else []
+
+    def see(self, cycle: CrawlCycle, placement: JointPlacement) -> None: ...
+
+    def middle_moved(self, at: float) -> float:
+        return 0.2e-3 if at > 0 else 0.0
+
+
+def test_a_joint_that_closes_is_steered_along_as_when_it_was_bare(job_file: Path) -> None:
+    job, look = read_crawl_job(job_file), MovedLook()
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    planner._closed += np.where(planner.s > 0.01, 0.4e-3, 0.0)
+    assert planner.middle_moved(0.02) == pytest.approx(0.2e-3)
+    assert planner.middle_moved(0.2) == planner.middle_moved(-0.2) == 0.0
+    cell = make_crawl_cell(job)
+    with cell:
+        devices = CrawlDevices(cell.vehicle, cell.laser, cell.torch, RememberingTracker())
+        method = CrawlContext(job, job_file).make_method()
+        corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
+        guards = Guards(job.guards, ProximityFilter(job.proximity), corners)
+        cycle = ControlCycle(devices, method, guards, look, look)
+        cycle.run(AT_REST)
+        cycle.travel = -1.0
+        cycle.run(AT_REST)
+    moved, bare = look.read
+    assert moved - bare == pytest.approx(0.2e-3, abs=0.06e-3)

@@ -188,6 +188,13 @@ class JointLook(Protocol):
     def see(self, cycle: CrawlCycle, placement: JointPlacement) -> None:
         """Take in a cycle, and where the joint is in its profile."""
 
+    def middle_moved(self, at: float) -> float:
+        """How far to the right the middle between the edges has moved since the joint was bare.
+
+        Metres, at a place along the joint: where it closes as it is welded it no longer runs as it
+        did, and what is steered along is the bare joint.
+        """
+
 
 class ControlCycle:
     """The cycles of one crawl, and what they go on from.
@@ -325,6 +332,8 @@ class ControlCycle:
         d, d_sigma, surprise = nan, nan, None
         if reading is not None:
             d, d_sigma = -reading.centre, reading.centre_sigma
+            if self._look is not None:
+                d += self._look.middle_moved(self.travel + devices.laser_to_torch)
             surprise = method.read(d, d_sigma)
         torch, jog = method.torch, devices.jog.offset
         path += jog

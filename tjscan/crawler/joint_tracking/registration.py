@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, inf, nan, sin, sqrt, tau
+from math import cos, nan, sin, sqrt, tau
 from typing import Final
 
 import numpy as np
@@ -41,8 +41,13 @@ EDGE_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 1e-3, 0.3e-3
 """Slope from which a reference is a bevel, and metres to both sides of its edge in which a bead
 over it stands over the hull by so many metres: no joint that is merely narrower does."""
 
-FEWEST_ON_ONE_BEVEL: Final = 8.0
-"""Points that must lie on one bevel if a bead covers the edge of the other."""
+LEAST_SEEN_SHARE_OF_ONE_SIDE: Final = 0.5
+"""The same where a bead covers the edge of the other side: one alone shows where the joint is."""
+
+LARGEST_CHANGE_ALONG: Final = 0.3e-3
+"""Metres by which a reference's bevels may change over the length that it holds for, as a standard
+deviation, if one side alone shows where the joint is. At the end of a bead they change by more, and
+all points of a side are off alike there, however many agree."""
 
 DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 """Standard deviations and metres between which a point lies deeper than the reference as another
@@ -177,7 +182,13 @@ def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
 
 
 def register_profile(
-    t: Array, z: Array, reference: ReferenceProfile, start: JointPlacement, noise: float
+    t: Array,
+    z: Array,
+    reference: ReferenceProfile,
+    start: JointPlacement,
+    noise: float,
+    *,
+    is_followed: bool = False,
 ) -> tuple[JointPlacement, float] | None:
     """Lay a profile on a reference.
 
@@ -190,14 +201,16 @@ def register_profile(
         Where the joint was last.
     noise : float
         Standard deviation of z, in metres.
+    is_followed : bool, optional
+        Whether the joint was read just before, and so is no other one.
 
     Returns
     -------
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
-        of the points that lie on the reference. None if too few do, if one side of the
-        joint no longer shows where it is and no bead covers its edge, or if steel is gone that the
-        reference shows.
+        of the points that lie on the reference. None if too few do, if one side of a joint that
+        may be another no longer shows where it is and no bead covers its edge, or if steel is gone
+        that the reference shows.
     """
     x = t * z
     roll = start.roll
@@ -234,19 +247,22 @@ def register_profile(
         if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_SHIFT:
             break
     shift_information = (slope / spread) ** 2
-    bevel, on_other_bevel = np.abs(slope) > EDGE_SLOPE, inf
+    seen = []
     for side in (u < 0, u > 0):
         side_total = shift_information[side].sum()
-        if weight[side] @ shift_information[side] < LEAST_SEEN_SHARE_OF_SIDE * side_total:
-            on_other_bevel = min(on_other_bevel, float(weight[~side & bevel].sum()))
+        seen.append(weight[side] @ shift_information[side] / max(side_total, 1e-12))
+        if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE:
             near_edge = side & _is_near_edge(u, reference)
-            if not np.median((deep - place[1])[near_edge]) < -LEAST_COVER:
+            is_covered = np.median((deep - place[1])[near_edge]) < -LEAST_COVER
+            if not (is_followed or is_covered):
                 return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if shift_information[side] @ deeper > MOST_DEEPER_SHARE * side_total:
             return None
-    if on_other_bevel < FEWEST_ON_ONE_BEVEL:
-        return None
+    if min(seen) < LEAST_SEEN_SHARE_OF_SIDE:
+        changes = np.median(reference.noise[np.abs(reference.slope) > EDGE_SLOPE])
+        if max(seen) < LEAST_SEEN_SHARE_OF_ONE_SIDE or changes > LARGEST_CHANGE_ALONG:
+            return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
     moves = np.array((c, s, hull_z))

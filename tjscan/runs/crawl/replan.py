@@ -96,6 +96,11 @@ class CrawlPassPlanner:
         self._last = at
         self._seen.append((at, cycle.profile, placement))
 
+    def middle_moved(self, at: float) -> float:
+        """See `JointLook.middle_moved`; the planner's groove closes from the left (assumption)."""
+        s = np.concatenate((self.s[:1] - EDGE_POOLING, self.s, self.s[-1:] + EDGE_POOLING))
+        return float(np.interp(at, s, np.pad(self._closed, 1))) / 2
+
     def unread_stretch(self) -> float:
         """See `PassPlanner.unread_stretch`."""
         places = np.sort([at for at, _, _ in self._seen])
@@ -206,8 +211,7 @@ class CrawlPassPlanner:
         toes = self._toes_u
         low, high = float(toes[:, 0].min()) - PLATE_MARGIN, float(toes[:, 1].max()) + PLATE_MARGIN
         u = np.linspace(low, high, 1 + round((high - low) / COLUMN_STEP))
-        # The right edge stays where it was: the planner's groove closes from the left.
-        moved = [np.interp(at, self.s, self._closed) / 2 for at, _, _ in self._seen]
+        moved = [self.middle_moved(at) for at, _, _ in self._seen]
         heights = np.array(
             [
                 _heights(profile, placement, u - by)
@@ -235,8 +239,7 @@ class CrawlPassPlanner:
         learner, deviation = planner.learner, planner.deviation
         length = self.job.weld.length
         s = np.linspace(0.0, length, 1 + ceil(length / SEGMENT_LENGTH))
-        offset = bead.tip[:, 0] - self._closed / 2  # from the centre as it is now
-        rows = bead.speed, offset, bead.tip[:, 1], 0.5 * bead.weave, bead.feed, self._closed
+        rows = bead.speed, *bead.tip.T, 0.5 * bead.weave, bead.feed, self._closed
         speed, offset, height, weave, feed, closed = (np.interp(s, bead.s, row) for row in rows)
         return PlannedPass(
             bead.number + 1,
