@@ -243,18 +243,6 @@ def test_a_joint_that_bends_is_told_from_tracks_that_slip_by_the_gyro(
     assert caught.value.guard == guard
 
 
-def test_what_goes_aside_slowly_is_no_jump_however_noisy_readings_are() -> None:
-    watch, rng, going = (
-        ContradictionWatch(TrackGeometry()),
-        np.random.default_rng(8),
-        Twist(8e-3, 0),
-    )
-    with pytest.raises(CrawlStopped, match="track slips"):  # noqa: PT012
-        for k in range(600):
-            off = 40e-6 * rng.standard_normal() + 1e-6 * max(k - 100, 0)
-            watch.add(going, going, 0.02, groove(-off, rng), off)
-
-
 @pytest.mark.parametrize(
     ("gyro", "misfit", "bends"), [((), 0.0, 1), ((1e-3,), 0.0, 1), ((1e-3,), 4.0, 0)]
 )

@@ -256,8 +256,8 @@ def going_aside(of: int, profiles: list[Profile]) -> Profile:
 @pytest.mark.parametrize(
     ("after", "told", "guard"),
     [
-        (40, r"assumed that the joint bends by .* mm to the right from 472 to 662 mm", "torch"),
-        (160, r"knocked .* It was assumed that the joint bends by .* from 472 to 662 mm", "knock"),
+        (40, r"assumed that the joint bends by .* mm to the right from 372 to 662 mm", "torch"),
+        (160, r"knocked .* It was assumed that the joint bends by .* from 372 to 662 mm", "knock"),
     ],
 )
 def test_a_bend_is_told_as_an_assumption_at_ready_and_by_a_stop(

@@ -16,7 +16,6 @@ import numpy as np
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
-from tjscan.core.robust import mad_sigma
 from tjscan.crawler.slip_aware import DRIVE_LAG
 from tjscan.crawler.slip_estimator import INERTIAL_MEAN_TIME, MOST_SIDEWAYS_SHARE
 from tjscan.laser.profile import Profile
@@ -99,8 +98,7 @@ TURNING_GUARDS: Final = ("encoder", "slip")
 """Guards that blame the tracks for what may be a bend of the joint."""
 
 SURPRISES_KEPT, JUMP_SHARE = 50, 0.5
-"""Readings that show whether one jumped, and the share of what they are off by that is one jump; it
-has to stand out of their noise, too."""
+"""Readings that show whether one jumped, and the share of what they are off by that is one jump."""
 
 
 LEAST_INERTIAL_SCATTER, FIRST_INERTIAL_SCATTER, INERTIAL_SCATTER_TIME = 0.83, 1.5, 30.0
@@ -491,9 +489,7 @@ class ContradictionWatch:
         if self._wheels.difference > SUSPECT_WHEEL_ERROR:
             return self._wheels.error()
         steps = np.abs(np.diff(self._surprises))
-        if len(steps) and steps.max() > max(
-            JUMP_SHARE * abs(off), SCATTER_LIMIT * mad_sigma(steps)
-        ):
+        if len(steps) and steps.max() > JUMP_SHARE * abs(off):
             if not profile.valid.any() or self._pictures.went_along(-off, profile):
                 return _knock_error(off)
             return CrawlStopped(

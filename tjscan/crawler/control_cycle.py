@@ -250,7 +250,6 @@ class ControlCycle:
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
         self.bends: list[float] = []
-        self._may_bend = False
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
@@ -261,7 +260,6 @@ class ControlCycle:
         """Strike the arc, or end it."""
         self._devices.torch.set_arc(burning=burning)
         self.arc = burning
-        self._may_bend &= not burning
         where = f"pass {self.number} at {1e3 * self.travel:.1f} mm"
         if jog := self._devices.jog.offset:
             where += f", the torch jogged by {1e3 * jog:+.2f} mm"
@@ -367,7 +365,7 @@ class ControlCycle:
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:
-            aligns = self._may_bend and self.phase is not Phase.WELDING
+            aligns = self.phase in (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT)
             self._watch.add(
                 twist,
                 state.odometry,
@@ -427,7 +425,6 @@ class ControlCycle:
     def enter(self, event: Event, detail: str) -> None:
         """Go on to the phase that an event leads to."""
         phase = next_phase(self.phase, event)
-        self._may_bend |= phase is Phase.FORWARD_ALIGNMENT
         if phase in TRACED_PHASES and (trace := self._tracer.finish()) is not None:
             self._journal.record(trace)
             self._journal.record(RunEvent(TORCH_EVENT, trace.text))

@@ -165,7 +165,7 @@ class Crawler:
     ) -> None:
         self._devices, self._plan, self._method = devices, plan, method
         self._guards, self._operator, self._hand = guards, operator, hand
-        self._report, self._told_bends = event_recorder(journal), -1
+        self._report = event_recorder(journal)
         self._cycle = ControlCycle(devices, method, guards, journal, plan.planner)
         power, weld, self._journal = devices.power, plan.weld, journal
         self._arc = CrawlArc(self._cycle, devices.torch, power, weld.arc, journal, weld.height)
@@ -289,6 +289,8 @@ class Crawler:
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
             cycle.enter(Event.PASSES_LEFT, where)
+        if cycle.assumed:
+            self._report(WARNING_EVENT, f"it is assumed that {cycle.assumed}")
         for number in range(start.passes_done + 1, len(self._plan.passes) + 1):
             cycle.number = number
             goes_on = start.arc_from if number == start.passes_done + 1 else 0.0
@@ -425,9 +427,6 @@ class Crawler:
         """Wait for the operator at rest: he takes his time, and no guard looks meanwhile."""
         self._cycle.come_to_rest()
         number, assumed = self._cycle.number, self._cycle.assumed
-        if assumed and self._told_bends != len(self._cycle.bends):
-            self._told_bends = len(self._cycle.bends)
-            self._report(WARNING_EVENT, f"it is assumed that {assumed}")
         while not self._operator.confirm_weld(number, assumed, looks=looks):
             self._cycle.come_to_rest(path, height)
 
