@@ -217,6 +217,14 @@ def test_one_side_does_not_show_the_joint_where_a_bead_ended() -> None:
     assert {register(profile, changing, true_placement()) for profile in profiles} == {None}
 
 
+def test_one_side_without_a_bevel_shows_nothing() -> None:
+    against, rng = reference(), np.random.default_rng(1)
+    for _ in range(10):
+        seen = see(CAPPED, rng)
+        hidden = replace(seen, z_s=np.where(seen.x_s < 0, seen.z_s - 4e-3, seen.z_s))
+        assert register(hidden, against, true_placement()) is None
+
+
 def test_error_that_placements_share_does_not_average_out() -> None:
     rng = np.random.default_rng(0)
     profiles = [see(CAPPED, rng) for _ in range(10)]

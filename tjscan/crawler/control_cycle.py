@@ -118,10 +118,15 @@ class JointSensor:
         Receives an event if profiles are not read for their age.
     """
 
-    def __init__(self, devices: CrawlDevices, journal: Journal) -> None:
+    def __init__(
+        self, devices: CrawlDevices, journal: Journal, looks: JointLook | None = None
+    ) -> None:
         self._devices, self._journal, self._late = devices, journal, False
+        self._looks = looks
+        self.d = nan
+        """Laser minus bare joint in the last profile that was read, metres."""
         self.seen: deque[tuple[float, Profile]] = deque(maxlen=MOST_KEPT_PROFILES)
-        """The last profiles that were read, with laser minus joint in each, metres."""
+        """The last profiles that were read, with the same in each."""
         self._widths: dict[int, tuple[float, int]] = {}
 
     def look(self, travel: float) -> tuple[Profile, JointPlacement | None]:
@@ -149,9 +154,12 @@ class JointSensor:
             reading = self._devices.reader.read(profile, travel)
         except GrooveNotFound:
             return profile, None
-        self.seen.append((-reading.centre, profile))
+        at = travel + self._devices.laser_to_torch
+        moved = 0.0 if self._looks is None else self._looks.middle_moved(at)
+        self.d = moved - reading.centre
+        self.seen.append((self.d, profile))
         if isfinite(reading.width):
-            station = floor((travel + self._devices.laser_to_torch) / WIDTH_STATION_LENGTH)
+            station = floor(at / WIDTH_STATION_LENGTH)
             mean, count = self._widths.get(station, (0.0, 0))
             self._widths[station] = mean + (reading.width - mean) / (count + 1), count + 1
         return profile, reading
@@ -243,7 +251,7 @@ class ControlCycle:
     ) -> None:
         self._devices, self._method, self._guards = devices, method, guards
         self._journal, self._look, self.speed = journal, look, 0.0
-        self.joint = JointSensor(devices, journal)
+        self.joint = JointSensor(devices, journal, look)
         self._watch, self._tracer = ContradictionWatch(devices.tracks), TorchTracer(method)
         self._time: float | None = None
         self._states_at_one_time = 0
@@ -329,9 +337,7 @@ class ControlCycle:
         profile, reading = self.joint.look(self.travel)
         d, d_sigma, surprise = nan, nan, None
         if reading is not None:
-            d, d_sigma = -reading.centre, reading.centre_sigma
-            if self._look is not None:
-                d += self._look.middle_moved(self.travel + devices.laser_to_torch)
+            d, d_sigma = self.joint.d, reading.centre_sigma
             surprise = method.read(d, d_sigma)
         torch, jog = method.torch, devices.jog.offset
         path += jog

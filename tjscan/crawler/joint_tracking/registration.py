@@ -182,13 +182,7 @@ def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
 
 
 def register_profile(
-    t: Array,
-    z: Array,
-    reference: ReferenceProfile,
-    start: JointPlacement,
-    noise: float,
-    *,
-    is_followed: bool = False,
+    t: Array, z: Array, reference: ReferenceProfile, start: JointPlacement, noise: float
 ) -> tuple[JointPlacement, float] | None:
     """Lay a profile on a reference.
 
@@ -201,16 +195,14 @@ def register_profile(
         Where the joint was last.
     noise : float
         Standard deviation of z, in metres.
-    is_followed : bool, optional
-        Whether the joint was read just before, and so is no other one.
 
     Returns
     -------
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
-        of the points that lie on the reference. None if too few do, if one side of a joint that
-        may be another no longer shows where it is and no bead covers its edge, or if steel is gone
-        that the reference shows.
+        of the points that lie on the reference. None if too few do, if one side of the
+        joint no longer shows where it is and no bead covers its edge, or if steel is gone that the
+        reference shows.
     """
     x = t * z
     roll = start.roll
@@ -253,15 +245,15 @@ def register_profile(
         seen.append(weight[side] @ shift_information[side] / max(side_total, 1e-12))
         if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE:
             near_edge = side & _is_near_edge(u, reference)
-            is_covered = np.median((deep - place[1])[near_edge]) < -LEAST_COVER
-            if not (is_followed or is_covered):
+            if not (near_edge.any() and np.median((deep - place[1])[near_edge]) < -LEAST_COVER):
                 return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if shift_information[side] @ deeper > MOST_DEEPER_SHARE * side_total:
             return None
     if min(seen) < LEAST_SEEN_SHARE_OF_SIDE:
-        changes = np.median(reference.noise[np.abs(reference.slope) > EDGE_SLOPE])
-        if max(seen) < LEAST_SEEN_SHARE_OF_ONE_SIDE or changes > LARGEST_CHANGE_ALONG:
+        changes = reference.noise[np.abs(reference.slope) > EDGE_SLOPE]
+        is_steady = len(changes) > 0 and np.median(changes) < LARGEST_CHANGE_ALONG
+        if max(seen) < LEAST_SEEN_SHARE_OF_ONE_SIDE or not is_steady:
             return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])

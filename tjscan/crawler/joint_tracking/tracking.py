@@ -57,10 +57,6 @@ REFUSALS_BEFORE_SEARCH: Final = 5
 """Profiles in a row that are refused before the joint is searched for again: a search takes longer
 than a sensor's period."""
 
-FOLLOWED_PROFILES: Final = 25
-"""Profiles without a reading after which the joint may be another: 20 mm at 40 mm/s, about as far
-as guards let a crawler go blind."""
-
 WEIGHT_OF_NEW_PROFILE: Final = 0.05
 """Share that each profile has in what is known of noise, width and the bevels' angles."""
 
@@ -246,10 +242,7 @@ class JointTracker:
     def _read_by_reference(
         self, row: _ProfileRays, reference: ReferenceProfile, last: ButtJointReading
     ) -> ButtJointReading:
-        followed = self._lost < FOLLOWED_PROFILES
-        found = registration.register_profile(
-            row.t, row.z, reference, last, self._noise, is_followed=followed
-        )
+        found = registration.register_profile(row.t, row.z, reference, last, self._noise)
         if found is None or found[1] < LEAST_SHARE_ON_REFERENCE:
             raise row.ambiguity("the profile does not look like the last one taken here")
         placement, _ = found
