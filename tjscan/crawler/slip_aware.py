@@ -184,7 +184,6 @@ class OdometryFilter:
             self._recent_turn,
             turned_back,
             self._asked_turn_rate,
-            max(self._noise, QUIET_TURN_RATE**2),
             turn_rate_parts=(*self._turn_by_ripple(), -late / period),
         )
 
@@ -194,8 +193,7 @@ class OdometryFilter:
         last, before = self._off
         step = min((off - 2 * last + before) ** 2 / 6, MOST_NOISE_STEP * max(self._noise, quiet))
         self._off = off, last
-        if abs(self._speed) > CREEPING_SPEED:  # encoders at rest show nothing of it
-            self._noise += min(period / NOISE_MEMORY_TIME, 1.0) * (step - self._noise)
+        self._noise += min(period / NOISE_MEMORY_TIME, 1.0) * (step - self._noise)
         share = max(period / AVERAGING_TIME, 2 * quiet / (self._noise + quiet))
         return min(share, 1.0)
 

@@ -109,9 +109,9 @@ SETTLING_LENGTH: Final = 0.1
 """Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
 latest after its contact, and let go before where they slide (assumption)."""
 
-UNEVEN_LENGTH: Final = 2.5e-3
-"""Metres over which the joint's edges are off alike, before and after a place: what a cut wanders
-by lasts for 5 mm in all (assumption). As noise of single readings it would count thirty times too
+UNEVEN_LENGTH: Final = 5e-3
+"""Metres of the joint after which its edges are off by something else: what a cut wanders by lasts
+for some millimetres (assumption). As noise of single readings it would count thirty times too
 little."""
 
 HALF_STICKING_CURVATURE: Final = 0.1
@@ -140,8 +140,6 @@ class TrackOdometry:
     asked_turn_rate : float, optional
         The turn rate that the drives were asked for, by their lag: one without the encoders' noise;
         that of this period if left out.
-    turn_rate_variance : float, optional
-        Of the noise of the tracks' turn rate as the encoders show it, new in each period, (rad/s)².
     turn_rate_parts : tuple of float, optional
         What each of `ODOMETRY_STATES`, were it 1, would add to the turn rate, rad/s.
     """
@@ -152,7 +150,6 @@ class TrackOdometry:
     recent_turn: float = 0.0
     turned_back: bool = False
     asked_turn_rate: float | None = None
-    turn_rate_variance: float = 0.0
     turn_rate_parts: tuple[float, ...] = (0.0,) * 5
 
 
@@ -354,8 +351,7 @@ class SlipUncertainty(SettingsTable):
     ripple : float
         Likewise, of each of the four ripples.
     gyro, down : float
-        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians: by
-        default 0.01 degrees a second and 0.05 degrees, as small sensors of silicon have.
+        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
     settled_centre_walk, gyro_bias_walk, joint_down_walk : float
         Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
@@ -368,6 +364,8 @@ class SlipUncertainty(SettingsTable):
         The same in a turn: how far off for now the centre of rotation and the yaw efficiency are.
         By default anything between a track without a sliding foot (a sixth of the contact ahead,
         0.75) and one that slides all over (none, 0.5) is as likely.
+    turn_rate : float
+        Of the tracks' turn rate, rad/s, over one second.
     unevenness : float
         Of a reading beyond its own, metres: the plates' edges are cut, not ground.
     """
@@ -386,8 +384,8 @@ class SlipUncertainty(SettingsTable):
     odometry_delay: Annotated[Deviation, SECONDS] = 0.05
     gyro_bias: Annotated[Deviation, MRAD_S] = 2e-3
     inclinometer_lag: Annotated[Deviation, SECONDS] = 0.2
-    gyro: Annotated[Deviation, MRAD_S] = 0.175e-3
-    down: Annotated[Deviation, MRAD] = 0.873e-3
+    gyro: Annotated[Deviation, MRAD_S] = 2e-4
+    down: Annotated[Deviation, MRAD] = 1e-3
     rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
     yaw_efficiency_walk: Deviation = 0.01
     drift_walk: Annotated[Deviation, MRAD] = 0.2e-3
@@ -400,6 +398,7 @@ class SlipUncertainty(SettingsTable):
     unsteady_drift: Annotated[Deviation, MRAD] = 2.4e-3
     unsteady_centre: Annotated[Deviation, MM] = 34e-3
     unsteady_efficiency: Deviation = 0.07
+    turn_rate: Deviation = 4e-5
     unevenness: Annotated[Deviation, MM] = 0.02e-3
 
 
@@ -624,7 +623,8 @@ class SlipEstimator:
         uneven = SlipStateIndex.UNEVENNESS
         changes[uneven] = (1 - F[uneven, uneven] ** 2) * self._uncertainty.unevenness**2
         P[np.diag_indices(STATE_COUNT)] += changes
-        P[:2, :2] += np.outer(by_turn, by_turn) * odometry.turn_rate_variance
+        # White noise of the turn rate: its spectral density does not depend on the period.
+        P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         way = odometry.speed * odometry.period
         bend = tuple(place - way for place in self.estimate.bend)
         self.estimate = SlipEstimate(x, (P + P.T) / 2, bend)
