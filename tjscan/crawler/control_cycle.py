@@ -116,17 +116,17 @@ class JointSensor:
         Its laser, its reader and its clock; without a clock profiles of any time are read.
     journal : Journal
         Receives an event if profiles are not read for their age.
+    look : JointLook, optional
+        Knows how far the joint has closed; not at all if left out.
     """
 
     def __init__(
-        self, devices: CrawlDevices, journal: Journal, looks: JointLook | None = None
+        self, devices: CrawlDevices, journal: Journal, look: JointLook | None = None
     ) -> None:
         self._devices, self._journal, self._late = devices, journal, False
-        self._looks = looks
-        self.d = nan
-        """Laser minus bare joint in the last profile that was read, metres."""
+        self._look = look
         self.seen: deque[tuple[float, Profile]] = deque(maxlen=MOST_KEPT_PROFILES)
-        """The last profiles that were read, with the same in each."""
+        """The last profiles that were read, with laser minus bare joint in each, metres."""
         self._widths: dict[int, tuple[float, int]] = {}
 
     def look(self, travel: float) -> tuple[Profile, JointPlacement | None]:
@@ -155,9 +155,8 @@ class JointSensor:
         except GrooveNotFound:
             return profile, None
         at = travel + self._devices.laser_to_torch
-        moved = 0.0 if self._looks is None else self._looks.middle_moved(at)
-        self.d = moved - reading.centre
-        self.seen.append((self.d, profile))
+        moved = 0.0 if self._look is None else self._look.middle_moved(at)
+        self.seen.append((moved - reading.centre, profile))
         if isfinite(reading.width):
             station = floor(at / WIDTH_STATION_LENGTH)
             mean, count = self._widths.get(station, (0.0, 0))
@@ -337,7 +336,7 @@ class ControlCycle:
         profile, reading = self.joint.look(self.travel)
         d, d_sigma, surprise = nan, nan, None
         if reading is not None:
-            d, d_sigma = self.joint.d, reading.centre_sigma
+            d, d_sigma = self.joint.seen[-1][0], reading.centre_sigma
             surprise = method.read(d, d_sigma)
         torch, jog = method.torch, devices.jog.offset
         path += jog

@@ -137,7 +137,7 @@ class PlannedPass:
         Of the wire from the last pass's path, to the right, as the look shows it, and its standard
         deviation, metres; None if it does not show it.
     s, speed, offset, height, weave, feed : ndarray, shape (n,)
-        Rows along the weld; see `BeadSegments`.
+        Rows along the weld, offsets from the bare joint's middle; see `BeadSegments`.
     closed : ndarray, shape (n,), optional
         How far the joint has closed since it was bare, metres; older programs did not state it.
     at_limit : float, optional

@@ -42,7 +42,8 @@ EDGE_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 1e-3, 0.3e-3
 over it stands over the hull by so many metres: no joint that is merely narrower does."""
 
 LEAST_SEEN_SHARE_OF_ONE_SIDE: Final = 0.5
-"""The same where a bead covers the edge of the other side: one alone shows where the joint is."""
+"""Share of what one side shows that must be left if a bead covers the edge of the other: then one
+alone shows where the joint is."""
 
 LARGEST_CHANGE_ALONG: Final = 0.3e-3
 """Metres by which a reference's bevels may change over the length that it holds for, as a standard
