@@ -100,6 +100,13 @@ TURNING_GUARDS: Final = ("encoder", "slip")
 SURPRISES_KEPT, JUMP_SHARE = 50, 0.5
 """Readings that show whether one jumped, and the share of what they are off by that is one jump."""
 
+MEAN_LENGTH, MEANS_KEPT = 1e-3, 50
+"""Metres of way over which what readings are off by is one mean, which readings at rest share, and
+how many of these show whether the joint bends."""
+
+BEND_EVIDENCE: Final = 100.0
+"""How many times likelier those means have to be of a joint that bends than of a jump, in which the
+vehicle was knocked, to be followed as a bend: what is in doubt is a knock."""
 
 LEAST_INERTIAL_SCATTER, FIRST_INERTIAL_SCATTER, INERTIAL_SCATTER_TIME = 0.83, 1.5, 30.0
 """By how much misfits averaged over `INERTIAL_MEAN_TIME` scatter, at the least and until it is
@@ -380,6 +387,8 @@ class ContradictionWatch:
         self._forget_ways(AT_REST)
         self._pictures, self.inertial = PictureWatch(), InertialWatch()
         self._surprises: deque[float] = deque(maxlen=SURPRISES_KEPT)
+        self._means: deque[tuple[int, float, int]] = deque(maxlen=MEANS_KEPT)
+        self._way = 0.0
         self._seen: Profile | None = None
         self._unseen, self._unseen_way = 0, 0.0
         self._doubt: CrawlStopped | None = None
@@ -418,8 +427,8 @@ class ContradictionWatch:
         filled : bool, optional
             Whether the picture shows even steel: it can't show whether it moved.
         follow_bend : callable, optional
-            Takes the joint for one that bends here, and returns whether it does; not asked if a
-            gyro shows that the tracks turn otherwise.
+            Takes the joint for one that bends here, and returns whether it does; not asked if
+            readings jumped, or a gyro shows that the tracks turn otherwise. None where it can't.
 
         Raises
         ------
@@ -446,18 +455,43 @@ class ContradictionWatch:
             if not filled:
                 self._check_unread(profile)
             return
-        self._surprises.append(surprise)
+        self._keep(surprise, way)
         sudden, lasting = self._readings.add(surprise, max(way, LEAST_WAY_PER_READING))
         self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
         if (sudden or lasting) and self._doubt is None:
             doubt = self._contradiction(surprise, shown.speed, profile)
             gyro_denies = BENDING_MISFIT < self.inertial.turn_misfit < inf
-            may_bend = doubt.guard in TURNING_GUARDS and not gyro_denies
+            may_bend = follow_bend is not None and not gyro_denies and self._looks_bent()
             if follow_bend is not None and may_bend and follow_bend():
                 self._forget_ways(commanded)
+                self._means.clear()
                 return
             self._doubt = doubt
             self._settle_doubt(0.0)
+
+    def _keep(self, surprise: float, way: float) -> None:
+        """Keep what a reading after some metres of way is off by."""
+        self._surprises.append(surprise)
+        self._way += way
+        place, mean, count = int(self._way / MEAN_LENGTH), 0.0, 0
+        if self._means and self._means[-1][0] == place:
+            _, mean, count = self._means.pop()
+        self._means.append((place, mean + (surprise - mean) / (count + 1), count + 1))
+
+    def _looks_bent(self) -> bool:
+        """Whether readings go aside along the way from some place on, and not at once there."""
+        means = np.array([mean for _, mean, _ in self._means])
+        means -= means.mean()
+        beyond = np.arange(len(means))[:, None] - np.arange(1, len(means))
+        left = []
+        for course in (beyond >= 0, np.maximum(beyond + 1, 0)):
+            shape = course - course.mean(axis=0)
+            fitted, norm = means @ shape, (shape**2).sum(axis=0)
+            best = int(np.argmax(fitted**2 / norm))
+            left.append(means @ means - fitted[best] ** 2 / norm[best])
+        slope = abs(fitted[best] / norm[best]) / MEAN_LENGTH
+        jump, bend = left
+        return bool(slope < MOST_SIDEWAYS_SHARE and jump > bend * BEND_EVIDENCE ** (2 / len(means)))
 
     def _settle_doubt(self, period: float) -> None:
         """Blame the tracks if the gyro turns otherwise; if it turns as they do, the joint bends."""
