@@ -315,6 +315,13 @@ def test_a_push_that_leads_farther_aside_than_a_bend_is_not_followed() -> None:
         )
 
 
+def test_readings_that_stay_off_by_little_are_noticed_within_a_few_centimetres() -> None:
+    """As a joint that bends leaves them where the filter takes most of it for slip."""
+    with pytest.raises(AssertionError, match="nothing was noticed"):
+        is_followed(lambda way: 15e-6 * (way > 0.1), 15e-6, 1, 0.0)
+    assert not is_followed(lambda way: 40e-6 * (0.1 < way < 0.16), 15e-6, 1, 0.0)
+
+
 def test_a_kink_is_followed_among_the_noise_of_readings() -> None:
     def kink(way: float) -> float:
         into = min(max((way - 0.05) / 0.1, 0.0), 1.0)
