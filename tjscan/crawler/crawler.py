@@ -423,8 +423,7 @@ class Crawler:
 
     def _confirm_weld(self, path: float = 0.0, height: float = 0.0, *, looks: bool = False) -> None:
         """Wait for the operator at rest: he takes his time, and no guard looks meanwhile."""
-        self._cycle.come_to_rest()
-        cycle = self._cycle
+        (cycle := self._cycle).come_to_rest()
         while True:  # what is assumed may be another thing after each wait
             if (assumed := cycle.assumed) and self._told_bends != len(cycle.bends):
                 self._told_bends = len(cycle.bends)
@@ -453,12 +452,12 @@ class Crawler:
             gains_nothing = self._guards.knows_torch(sigma) and sigma > GAINING_SHARE * before
             if self._guards.knows_torch(sigma / STRIKING_SHARE) or gains_nothing or not left:
                 return
-            bends, before = len(self._cycle.bends), sigma
+            bends = len(self._cycle.bends)
             beyond = min(arc_from + self._plan.alignment.length, self._plan.weld.length)
             while self._cycle.travel < beyond:
                 self._cycle.drive(self._plan.alignment.speed)
             self._cycle.enter(Event.TORCH_NOT_KNOWN, f"the torch was known to {1e3 * sigma:.2f} mm")
             self._go_back(arc_from - self._plan.weld.run_up)
-            if len(self._cycle.bends) > bends:  # then what was known was forgotten
-                before = inf
+            # At a bend what was known is forgotten.
+            before = sigma if len(self._cycle.bends) == bends else inf
             self._cycle.enter(Event.PASSES_LEFT, f"pass {self._cycle.number} again")
