@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from tjscan.crawler.slip_aware import DRIVE_LAG, OdometryFilter
+from tjscan.crawler.slip_aware import (
+    DRIVE_LAG,
+    NOISE_MEMORY_TIME,
+    QUIET_TURN_RATE,
+    OdometryFilter,
+)
 from tjscan.vehicle.vehicle import Twist
 
 PERIOD = 0.01
@@ -20,6 +25,29 @@ def test_noise_is_smoothed_and_its_mean_kept() -> None:
     assert turn.std() < 0.3 * 3.5e-4
     # What the drives make of a command is corrected towards what the encoders show.
     assert 1.0e-3 < turn.mean() < 1.1e-3
+
+
+@pytest.mark.parametrize("sigma", [1e-4, 3.5e-4, 2e-3])
+def test_the_noise_of_the_turn_rate_is_learned_from_encoders_that_move(sigma: float) -> None:
+    rng, found = np.random.default_rng(2), OdometryFilter()
+    asked = Twist(0.005, 1e-3)
+    out = [
+        found.smooth(Twist(0.005, 1e-3 + sigma * rng.standard_normal()), PERIOD, asked)
+        for _ in range(4000)
+    ]
+    known = [one.turn_rate_variance for one in out]
+    assert known[: int(NOISE_MEMORY_TIME / PERIOD)].count(None) == NOISE_MEMORY_TIME / PERIOD
+    assert np.sqrt(np.mean(np.array(known[1000:], float))) == pytest.approx(sigma, rel=0.15)
+    for _ in range(1000):  # at rest they show none, and none is unlearned
+        rest = found.smooth(Twist(0.0, 0.0), PERIOD)
+    assert rest.turn_rate_variance == pytest.approx(sigma**2, rel=0.5)
+
+
+def test_exact_encoders_are_not_taken_for_free_of_noise() -> None:
+    exact = OdometryFilter()
+    for _ in range(1000):
+        shown = exact.smooth(Twist(0.005, 0.0), PERIOD, Twist(0.005, 0.0))
+    assert shown.turn_rate_variance == QUIET_TURN_RATE**2
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.06])

@@ -27,6 +27,8 @@ TRACKS = TrackGeometry()
 GYRO_BIAS = 0.7e-3
 SIGMA = 0.015e-3
 PERIOD = 0.05
+TURN_RATE_SIGMA = 2e-4
+"""rad/s: of the noise of the tracks' turn rate, new in each period, as their encoders show it."""
 
 
 UNSTEADY = [SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.UNSTEADY_DRIFT]
@@ -60,7 +62,7 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
     for k in range(1200):
         speed = 0.02 if k < 600 else -0.02
         asked = 2e-3 * np.sin(2 * np.pi * k / 300)
-        noise = UNSURE.turn_rate / np.sqrt(PERIOD) * rng.standard_normal()
+        noise = TURN_RATE_SIGMA * rng.standard_normal()
         kept = np.exp(-abs(speed) * PERIOD / SETTLING_LENGTH)
         recent = kept * (0.0 if k == 600 else recent) + (1 - kept) * asked / abs(speed)
         truly = TrackOdometry(speed, asked - noise, PERIOD, recent)
@@ -70,7 +72,9 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
         )
         turns = kept * turns + (1 - kept) * truth[SlipStateIndex.YAW_EFFICIENCY] * asked / speed
         truth[UNSTEADY] += np.sqrt(1 - kept**2) * unsteady(turns) * changes * rng.standard_normal(2)
-        estimator.move(TrackOdometry(speed, asked, PERIOD, recent))
+        estimator.move(
+            TrackOdometry(speed, asked, PERIOD, recent, turn_rate_variance=TURN_RATE_SIGMA**2)
+        )
         evenly = np.exp(-abs(speed) * PERIOD / UNEVEN_LENGTH)
         truth[SlipStateIndex.UNEVENNESS] += (
             np.sqrt(1 - evenly**2) * UNSURE.unevenness * rng.standard_normal()

@@ -141,7 +141,7 @@ class OdometryFilter:
         self._speed = self._turn_rate = self._asked_turn_rate = self._late_turn_rate = 0.0
         self._way, self._recent_turn = 0.0, 0.0
         self._tracks, self._chains = tracks or TrackGeometry(), np.zeros(2)
-        self._off, self._noise = (0.0, 0.0), QUIET_TURN_RATE**2
+        self._off, self._noise, self._shown = (0.0, 0.0), QUIET_TURN_RATE**2, 0.0
 
     def smooth(self, measured: Twist, period: float, commanded: Twist = AT_REST) -> TrackOdometry:
         """Motion over the period that has just passed.
@@ -184,6 +184,7 @@ class OdometryFilter:
             self._recent_turn,
             turned_back,
             self._asked_turn_rate,
+            max(self._noise, QUIET_TURN_RATE**2) if self._shown > NOISE_MEMORY_TIME else None,
             turn_rate_parts=(*self._turn_by_ripple(), -late / period),
         )
 
@@ -193,7 +194,9 @@ class OdometryFilter:
         last, before = self._off
         step = min((off - 2 * last + before) ** 2 / 6, MOST_NOISE_STEP * max(self._noise, quiet))
         self._off = off, last
-        self._noise += min(period / NOISE_MEMORY_TIME, 1.0) * (step - self._noise)
+        if abs(self._speed) > CREEPING_SPEED:  # encoders at rest show nothing of it
+            self._shown += period
+            self._noise += min(period / NOISE_MEMORY_TIME, 1.0) * (step - self._noise)
         share = max(period / AVERAGING_TIME, 2 * quiet / (self._noise + quiet))
         return min(share, 1.0)
 

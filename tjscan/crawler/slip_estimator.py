@@ -109,9 +109,9 @@ SETTLING_LENGTH: Final = 0.1
 """Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
 latest after its contact, and let go before where they slide (assumption)."""
 
-UNEVEN_LENGTH: Final = 5e-3
-"""Metres of the joint after which its edges are off by something else: what a cut wanders by lasts
-for some millimetres (assumption). As noise of single readings it would count thirty times too
+UNEVEN_LENGTH: Final = 2.5e-3
+"""Metres over which the joint's edges are off alike, before and after a place: what a cut wanders
+by lasts for 5 mm in all (assumption). As noise of single readings it would count thirty times too
 little."""
 
 HALF_STICKING_CURVATURE: Final = 0.1
@@ -140,6 +140,9 @@ class TrackOdometry:
     asked_turn_rate : float, optional
         The turn rate that the drives were asked for, by their lag: one without the encoders' noise;
         that of this period if left out.
+    turn_rate_variance : float, optional
+        Of the noise of the tracks' turn rate as the encoders show it, new in each period, (rad/s)²;
+        if left out, that of `SlipUncertainty.turn_rate`.
     turn_rate_parts : tuple of float, optional
         What each of `ODOMETRY_STATES`, were it 1, would add to the turn rate, rad/s.
     """
@@ -150,6 +153,7 @@ class TrackOdometry:
     recent_turn: float = 0.0
     turned_back: bool = False
     asked_turn_rate: float | None = None
+    turn_rate_variance: float | None = None
     turn_rate_parts: tuple[float, ...] = (0.0,) * 5
 
 
@@ -365,7 +369,7 @@ class SlipUncertainty(SettingsTable):
         By default anything between a track without a sliding foot (a sixth of the contact ahead,
         0.75) and one that slides all over (none, 0.5) is as likely.
     turn_rate : float
-        Of the tracks' turn rate, rad/s, over one second.
+        Of the tracks' turn rate, rad/s, over one second, until the encoders have shown it.
     unevenness : float
         Of a reading beyond its own, metres: the plates' edges are cut, not ground.
     """
@@ -629,8 +633,10 @@ class SlipEstimator:
         uneven = SlipStateIndex.UNEVENNESS
         changes[uneven] = (1 - F[uneven, uneven] ** 2) * self._uncertainty.unevenness**2
         P[np.diag_indices(STATE_COUNT)] += changes
-        # White noise of the turn rate: its spectral density does not depend on the period.
-        P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
+        variance = odometry.turn_rate_variance
+        if variance is None:  # the spectral density of white noise does not depend on the period
+            variance = self._uncertainty.turn_rate**2 / odometry.period
+        P[:2, :2] += np.outer(by_turn, by_turn) * variance
         way = odometry.speed * odometry.period
         bend = tuple(place - way for place in self.estimate.bend)
         self.seen_from = min(self.seen_from - way, self.geometry.laser_to_torch)
