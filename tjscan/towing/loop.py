@@ -357,7 +357,7 @@ class CableTow:
         for v, (vehicle, follower) in enumerate(
             zip(self._team.vehicles, self._followers, strict=True)
         ):
-            stopped = v in self._standing.stopped and v < welder
+            stopped = v < welder and (v in self._standing.stopped or (targets[v] == poses[v]).all())
             if v in lost or v in self._standing.runaways or stopped:
                 follower.reset()
                 targets[v], self._asked[v] = poses[v], AT_REST

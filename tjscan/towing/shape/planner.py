@@ -73,9 +73,6 @@ LED_STEPS: Final = 5
 """In which it is found how the floor bends the cable on the way to a plan: what slides first
 depends on the way, and a single step finds other bends."""
 
-OVERSHOOT_SHARE: Final = 0.25
-"""Share of their way to a plan by which vehicles go too far, at most."""
-
 NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
 
@@ -127,7 +124,7 @@ class TowingPlanner:
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
         planned to, or a link come nearer to something. Then the vehicle on one side of it stays
         where it was sent, or on both, or all but one, or all, and the welder waits. If even the way
-        to there bends a joint too far, all stay where they are.
+        to there breaks a limit of the cable itself, all stop where they are.
 
         Raises
         ------
@@ -136,38 +133,43 @@ class TowingPlanner:
         """
         limits, now, plan = self._plan_shape(inputs)
         last = inputs.last
-        if plan.halt or last is None or (astray := self._led_astray(limits, now, plan)) is None:
+        if plan.halt or last is None:
+            return plan
+        sent = last.held_poses
+        if (astray := self._led_astray(limits, now, plan, sent)) is None:
             return plan
         row, words = astray
         words = f"{plan.retreat}; {words}" if plan.retreat else words
         towing, piece = np.arange(len(self._held)), int(np.searchsorted(self._held, row["link"]))
-        after, before, sent = towing == piece, towing == piece - 1, last.held_poses
+        after, before = towing == piece, towing == piece - 1
         some = (~after, ~before, ~(after | before), *(towing == v for v in towing[:-1]))
         for moves in (*some, towing < 0):
             poses = np.where(moves[:, None], plan.held_poses, sent)
             tried = replace(plan, held_poses=poses, retreat=words)
-            if not self._led_astray(limits, now, tried):
+            if not self._led_astray(limits, now, tried, sent):
                 return tried
         links, angles = last.link_poses, last.angles
-        if row["kind"] == LimitKind.JOINT:
+        if row["disc"] < 0:
             sent = np.where(np.isfinite(inputs.poses), inputs.poses, sent)
         return replace(plan, angles=angles, link_poses=links, held_poses=sent, retreat=words)
 
     def _led_astray(
-        self, limits: LimitedProblem, now: CableEstimate, plan: TowingPlan
+        self, limits: LimitedProblem, now: CableEstimate, plan: TowingPlan, sent: Array
     ) -> tuple[np.void, str] | None:
         """What breaks a limit on the way to a plan, by more than now: a row of limits, and words.
 
         The way is that of the cable as it is estimated, as far as the floor lets the vehicles draw
-        it.
+        it. Vehicles drive on for about the step by which they are sent on, even if the next plan
+        stops them.
         """
         links, bent = self.cable.poses(now.angles), now.angles
         near = self._heeded_rows(limits, plan, bent, links, NEAR_LIMIT)
         if not len(near):
             return None
         led, held, trust = now, self._held, self.settings.trust
-        for share in np.linspace(0, 1 + OVERSHOOT_SHARE, 1 + LED_STEPS)[1:]:
-            poses = links[held] + share * (plan.held_poses - links[held])
+        ends = plan.held_poses + (plan.held_poses - sent)
+        for share in np.linspace(0, 1, 1 + LED_STEPS)[1:]:
+            poses = links[held] + share * (ends - links[held])
             led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
             bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
         rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
