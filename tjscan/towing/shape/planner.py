@@ -140,9 +140,16 @@ class TowingPlanner:
             return plan
         row, words = astray
         words = f"{plan.retreat}; {words}" if plan.retreat else words
-        towing, piece = np.arange(len(self._held)), int(np.searchsorted(self._held, row["link"]))
+        towing = np.arange(len(self._held))
+        piece, other = np.searchsorted(self._held, (row["link"], row["other"]))
         after, before = towing == piece, towing == piece - 1
-        some = (~after, ~before, ~(after | before), *(towing == v for v in towing[:-1]))
+        some = (
+            ~after,
+            ~before,
+            ~(after | before),
+            towing != other,
+            *(towing == v for v in towing[:-1]),
+        )
         for moves in (*some, towing < 0):
             poses = np.where(moves[:, None], plan.held_poses, sent)
             tried = replace(plan, held_poses=poses, retreat=words)
