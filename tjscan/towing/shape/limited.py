@@ -429,7 +429,7 @@ def _solve_program(
     chain_hessian(derivatives_of_state(now.state), links, limits.arrays.length, hessian[:n, :n])
     hessian[:n, :n] += shift * np.eye(n)
     margins, kinds, of_disc = now.rows["margin"], now.rows["kind"], now.rows["disc"] >= 0
-    is_hard = (kinds == LimitKind.JOINT) | (kinds == LimitKind.SPEED)
+    is_hard = (kinds == LimitKind.JOINT) | (kinds == LimitKind.SPEED) | (kinds == LimitKind.TURN)
     A, rows = np.zeros((m, n + 2)), np.eye(len(margins) + 2, n + 2, n - len(margins))
     A[:, :n] = jacobian
     limit_gradients(now.rows, limits.arrays.root, links, rows)

@@ -167,16 +167,20 @@ class TowingPlanner:
 
         The way is that of the cable as it is estimated, as far as the floor lets the vehicles draw
         it. Vehicles drive on for about the step by which they are sent on, even if the next plan
-        stops them.
+        stops them; by then they can't have come further than they drive and turn in two periods.
         """
         links, bent = self.cable.poses(now.angles), now.angles
         near = self._heeded_rows(limits, plan, bent, links, NEAR_LIMIT)
         if not len(near):
             return None
         led, held, trust = now, self._held, self.settings.trust
-        ends = plan.held_poses + (plan.held_poses - sent)
+        way = 2 * plan.held_poses - sent - links[held]
+        reach = 2 * limits.problem.period * self.team.top_speed
+        way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
+        turn = reach / self.team.body_radius
+        way[:, 2] = np.clip(way[:, 2], -turn, turn)
         for share in np.linspace(0, 1, 1 + LED_STEPS)[1:]:
-            poses = links[held] + share * (ends - links[held])
+            poses = links[held] + share * way
             led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
             bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
         rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
@@ -306,7 +310,7 @@ class TowingPlanner:
         fixed, fixed_poses = [*still, self.team.welder], np.vstack((now[still], inputs.welder_pose))
         problem = ShapeProblem(
             *(self.cable, floor, s.weights, s.targets, estimate, self._held[fixed], fixed_poses),
-            *(self._held[drives], begins[drives, :2].copy(), inputs.period),
+            *(self._held[drives], begins[drives].copy(), inputs.period),
         )
         return LimitedProblem(problem, self.team, s.limits, tuple(d.name for d in inputs.obstacles))
 
