@@ -404,7 +404,7 @@ def test_margins_of_turns_change_as_their_gradients_say(begun: TowingPlan) -> No
     ours = planner()
     inputs = PlanInputs(begun.held_poses, WELDER, 0.1, begun)
     limits = ours.limited_problem(begun.angles, inputs)
-    began = limits.problem.pace_from + (0.0, 0.0, 2 * pi)
+    began = limits.problem.pace_from + np.array((0.0, 0.0, 2 * pi))
     limits = replace(limits, problem=replace(limits.problem, pace_from=began))
     step = np.random.default_rng(3).normal(0, 2e-4, CABLE.links)
     found = [
