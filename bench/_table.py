@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Final
 
-import tjscan.cli  # noqa: F401  (sets how many threads work, before NumPy is loaded)
-
 
 @dataclass(frozen=True, slots=True)
 class Row:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import pi
+from typing import Any
 
 import numpy as np
 import pytest
@@ -397,6 +398,46 @@ def test_no_vehicle_is_sent_to_a_heading_that_it_cannot_turn_to(begun: TowingPla
         turns.append(np.abs(found.held_poses - plan.held_poses)[:-1, 2].max())
         plan = plan if found.halt else found
     assert max(turns) == pytest.approx(0.1 * TEAM.top_speed / TEAM.body_radius, abs=1e-4)
+
+
+def test_whole_turns_of_where_vehicles_were_sent_change_nothing(begun: TowingPlan) -> None:
+    """A localisation may count headings from 0 to 2π, and vehicles that stopped are sent there."""
+    ours, plan, turn, rows = planner(), begun, np.array((0.0, 0.0, 2 * pi)), []
+    for k in range(36):
+        x, y = begun.held_poses[3, :2] + (0.45 - 0.015 * k, 0.0)
+        disc = DiscObstacle(x, y, 0.15, (-0.15, 0.0), name="trolley")
+        inputs = PlanInputs(plan.held_poses, WELDER, 0.1, plan, [disc])
+        known = ours._plan_shape(inputs)
+        row, same = (
+            ours._led_astray(*known, sent) for sent in (plan.held_poses, plan.held_poses - turn)
+        )
+        assert (row is None) == (same is None)
+        if row is not None and same is not None:
+            assert same[0]["margin"] == pytest.approx(row[0]["margin"], abs=1e-6)
+            rows.append(row)
+        found = ours.plan(inputs)
+        plan = plan if found.halt else found
+    assert rows
+
+
+def test_a_vehicle_that_stands_is_not_led_back(begun: TowingPlan) -> None:
+    """It jammed 20 mm short of where it was sent, and others go on."""
+    ours, seen = planner(), []
+    sent = begun.held_poses + np.array((0.02, 0.0, 0.0)) * (np.arange(6) == 2)[:, None]
+    last = replace(begun, held_poses=sent)
+    inputs = PlanInputs(begun.held_poses, WELDER, 0.1, last, stopped=(2,))
+    limits, now, plan = ours._plan_shape(inputs)
+
+    def remember(*given: Any, **named: Any) -> CableEstimate:
+        seen.append(given[2])
+        return estimate_shape(*given, **named)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tjscan.towing.shape.planner.estimate_shape", remember)
+        patch.setattr("tjscan.towing.shape.planner.NEAR_LIMIT", 10.0)
+        ours._led_astray(limits, now, plan, sent)
+    assert len(seen) == 5
+    np.testing.assert_allclose(np.array(seen)[:, 2], np.tile(plan.held_poses[2], (5, 1)), atol=1e-3)
 
 
 def test_margins_of_turns_change_as_their_gradients_say(begun: TowingPlan) -> None:

@@ -73,6 +73,9 @@ LED_STEPS: Final = 5
 """In which it is found how the floor bends the cable on the way to a plan: what slides first
 depends on the way, and a single step finds other bends."""
 
+DRIVEN_ON: Final = 0.1
+"""Seconds for which vehicles drive on as they were sent, after a plan that stops them."""
+
 NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
 
@@ -123,8 +126,9 @@ class TowingPlanner:
 
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
         planned to, or a link come nearer to something. Then the vehicle on one side of it stays
-        where it was sent, or on both, or all but one, or all, and the welder waits. If even the way
-        to there breaks a limit of the cable itself, all stop where they are.
+        where it was sent, or on both, or the one that comes too near, or all but one, or all, and
+        the welder waits. If even the way to there breaks another limit than the clearance of a
+        disc, all stop where they are.
 
         Raises
         ------
@@ -143,18 +147,14 @@ class TowingPlanner:
         towing = np.arange(len(self._held))
         piece, other = np.searchsorted(self._held, (row["link"], row["other"]))
         after, before = towing == piece, towing == piece - 1
-        some = (
-            ~after,
-            ~before,
-            ~(after | before),
-            towing != other,
-            *(towing == v for v in towing[:-1]),
-        )
+        nearer = towing == (other if row["other"] >= 0 else piece)
+        some = (~after, ~before, ~(after | before), ~nearer, *(towing == v for v in towing[:-1]))
         for moves in (*some, towing < 0):
             poses = np.where(moves[:, None], plan.held_poses, sent)
             tried = replace(plan, held_poses=poses, retreat=words)
-            if not self._led_astray(limits, now, tried, sent):
+            if (astray := self._led_astray(limits, now, tried, sent)) is None:
                 return tried
+            row, _ = astray
         links, angles = last.link_poses, last.angles
         if row["disc"] < 0:
             sent = np.where(np.isfinite(inputs.poses), inputs.poses, sent)
@@ -166,16 +166,21 @@ class TowingPlanner:
         """What breaks a limit on the way to a plan, by more than now: a row of limits, and words.
 
         The way is that of the cable as it is estimated, as far as the floor lets the vehicles draw
-        it. Vehicles drive on for about the step by which they are sent on, even if the next plan
-        stops them; by then they can't have come further than they drive and turn in two periods.
+        it, and as vehicles drive on for `DRIVEN_ON` after they are stopped. They can't come further
+        than they drive and turn till then.
         """
         links, bent = self.cable.poses(now.angles), now.angles
         near = self._heeded_rows(limits, plan, bent, links, NEAR_LIMIT)
         if not len(near):
             return None
         led, held, trust = now, self._held, self.settings.trust
-        way = 2 * plan.held_poses - sent - links[held]
-        reach = 2 * limits.problem.period * self.team.top_speed
+        drives, period = np.isin(held, limits.problem.paced), limits.problem.period
+        steps = np.stack(
+            (plan.held_poses - links[held], (plan.held_poses - sent) * drives[:, None])
+        )
+        steps[..., 2] -= 2 * np.pi * np.round(steps[..., 2] / (2 * np.pi))
+        way = steps[0] + min(1.0, DRIVEN_ON / period) * steps[1]
+        reach = (period + DRIVEN_ON) * self.team.top_speed
         way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
         turn = reach / self.team.body_radius
         way[:, 2] = np.clip(way[:, 2], -turn, turn)
