@@ -265,6 +265,71 @@ def test_a_bend_is_followed_unless_the_gyro_denies_it(
     assert len(followed) == bends
 
 
+def is_followed(aside: Callable[[float], float], noise: float, seed: int, rest: float) -> bool:
+    """Whether readings that go aside along the way are followed as a bend, or stop the crawl.
+
+    At 0.2 m the vehicle rests for a second, in which it goes aside by `rest`.
+    """
+    watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(seed)
+    empty, way, slid = Profile(np.empty(0), np.empty(0)), 0.0, 0.0
+    followed: list[float] = []
+
+    def follow_bend() -> bool:
+        followed.append(way)
+        return True
+
+    for k in range(600):
+        rests = 250 <= k < 300
+        going = Twist(0.0 if rests else 40e-3, 0.0)
+        way, slid = way + 0.02 * going.speed, slid + rests * rest / 50
+        off = aside(way) + slid + noise * rng.standard_normal()
+        try:
+            may_bend = None if rests else follow_bend
+            watch.add(going, going, 0.02, empty, off, follow_bend=may_bend)
+        except CrawlStopped:
+            return False
+        if followed:
+            return True
+    raise AssertionError("nothing was noticed")
+
+
+@pytest.mark.parametrize("noise", [10e-6, 40e-6, 80e-6])
+@pytest.mark.parametrize("size", [-10e-3, 5e-3, -2e-3, 1e-3, 0.5e-3])
+def test_a_knock_is_never_followed_as_a_bend(size: float, noise: float) -> None:
+    for seed in range(10):
+        at = 0.15 + 7e-4 * seed
+        assert not is_followed(lambda way, at=at: size * (way > at), noise, seed, 0.0)  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("noise", [10e-6, 40e-6, 80e-6])
+@pytest.mark.parametrize("slide", [3e-3, -1e-3, 0.5e-3])
+def test_a_slide_at_rest_is_never_followed_as_a_bend(slide: float, noise: float) -> None:
+    for seed in range(10):
+        assert not is_followed(lambda way: 0.0, noise, seed, slide)
+
+
+def test_a_push_that_leads_farther_aside_than_a_bend_is_not_followed() -> None:
+    for seed in range(10):
+        assert not is_followed(
+            lambda way: 3e-3 * min(max((way - 0.15) / 0.01, 0), 1), 15e-6, seed, 0
+        )
+
+
+def test_readings_that_stay_off_by_little_are_noticed_within_a_few_centimetres() -> None:
+    """As a joint that bends leaves them where the filter takes most of it for slip."""
+    with pytest.raises(AssertionError, match="nothing was noticed"):
+        is_followed(lambda way: 15e-6 * (way > 0.1), 15e-6, 1, 0.0)
+    assert not is_followed(lambda way: 40e-6 * (0.1 < way < 0.16), 15e-6, 1, 0.0)
+
+
+def test_a_kink_is_followed_among_the_noise_of_readings() -> None:
+    def kink(way: float) -> float:
+        into = min(max((way - 0.05) / 0.1, 0.0), 1.0)
+        return 3e-3 * into**2 * (3 - 2 * into)
+
+    assert all(is_followed(kink, 15e-6, seed, 0.0) for seed in range(10))
+
+
 @pytest.mark.parametrize(("name", "place"), [("gyro", 0), ("inclinometer", 1)])
 def test_a_bias_stops_it_and_noise_or_a_push_do_not(name: str, place: int) -> None:
     watch, rng = InertialWatch(), np.random.default_rng(3)

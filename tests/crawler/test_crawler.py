@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -247,23 +246,19 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
     assert max(abs(b - a) for a, b in pairwise(along)) < 1e-3
 
 
-def going_aside(of: int, profiles: list[Profile]) -> Profile:
-    """Go 3 mm to the right after a profile, within a second or two."""
-    into = min(max((len(profiles) - of) / (200 if of < 100 else 80), 0.0), 1.0)
-    return replace(profiles[-1], x_s=profiles[-1].x_s + 3e-3 * into**2 * (3 - 2 * into))
-
-
 @pytest.mark.parametrize(
-    ("after", "told", "guard"),
+    ("knock", "told", "guard"),
     [
-        (40, r"assumed that the joint bends by .* mm to the right from 372 to 662 mm", "torch"),
-        (160, r"knocked .* It was assumed that the joint bends by .* from 372 to 662 mm", "knock"),
+        (0.0, r"assumed that the joint bends by .* mm to the right from 475 to 695 mm", "torch"),
+        (2e-3, r"knocked .* It was assumed that the joint bends by .* from 475 to 695 mm", "knock"),
     ],
 )
 def test_a_bend_is_told_as_an_assumption_at_ready_and_by_a_stop(
-    tmp_path: Path, after: int, told: str, guard: str
+    tmp_path: Path, knock: float, told: str, guard: str
 ) -> None:
-    (file := tmp_path / "short.toml").write_text(SHORT)
+    """A joint goes 3 mm aside in 80 mm, and the vehicle is knocked where it was followed."""
+    longer = SHORT.replace("length_mm = 50", "length_mm = 150").replace("= 100", "= 200")
+    (file := tmp_path / "short.toml").write_text(longer)
     found, notes, asked = CrawlContext(read_crawl_job(file), file), Notes(), list[str]()
     cell = make_crawl_cell(found.job)
 
@@ -277,8 +272,16 @@ def test_a_bend_is_told_as_an_assumption_at_ready_and_by_a_stop(
         def confirm_torch(self) -> bool:
             return True
 
+    def going_aside(profiles: list[Profile]) -> Profile:
+        assert cell.world is not None
+        into = min(max(cell.world.torch_place()[0] / 0.08, 0.0), 1.0)
+        off = 3e-3 * into**2 * (3 - 2 * into)
+        if any("may bend" in text for text in notes.texts) and notes.cycles[-1].travel > 0.08:
+            off -= knock
+        return replace(profiles[-1], x_s=profiles[-1].x_s + off)
+
     refusing, laser = replace(found, operator=Refuses()), cell.laser
-    devices = replace(cell, laser=WrongLaser(laser, partial(going_aside, after)))
+    devices = replace(cell, laser=WrongLaser(laser, going_aside))
     with cell, pytest.raises(CrawlStopped) as caught:
         make_crawler(refusing, devices, found.make_method(), notes).run()
     assert caught.value.guard.startswith(guard)

@@ -74,6 +74,8 @@ def test_it_is_told_where_the_joint_is_assumed_to_bend_and_how_far_aside() -> No
 
 def test_a_contradiction_where_a_bend_is_known_is_no_other_bend() -> None:
     method = SlipAwareMethod(GEOMETRY, FIRST, UNSURE, SteeringSettings())
+    for _ in range(15):
+        method.move(VehicleState(0.0, Twist(0.01, 0.0)), 1.0, Twist(0.01, 0.0))
     assert method.follow_bend()
     for _ in range(14):
         assert not method.follow_bend()
@@ -82,6 +84,18 @@ def test_a_contradiction_where_a_bend_is_known_is_no_other_bend() -> None:
     for _ in range(3):
         method.move(VehicleState(0.0, Twist(0.01, 0.0)), 1.0, Twist(0.01, 0.0))
     assert method.follow_bend()
+
+
+def test_before_the_first_place_that_the_laser_saw_the_joint_does_not_bend() -> None:
+    method = SlipAwareMethod(GEOMETRY, FIRST, UNSURE, SteeringSettings())
+    for speed in (*[0.01] * 6, *[-0.01] * 4):
+        method.move(VehicleState(0.0, Twist(speed, 0.0)), 1.0, Twist(speed, 0.0))
+    first = GEOMETRY.laser_to_torch - 0.02
+    assert method.follow_bend()
+    assert first < method.slip.bend[0] < first + BEND_SPACING
+    method.move(VehicleState(0.0, Twist(0.2, 0.0)), 1.0, Twist(0.2, 0.0))
+    assert method.follow_bend()  # another one, and still none before
+    assert method.slip.bend[0] > first - 0.2
 
 
 def test_a_second_bend_joins_the_first_and_between_them_it_is_straight() -> None:

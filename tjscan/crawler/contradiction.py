@@ -16,7 +16,7 @@ import numpy as np
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
-from tjscan.crawler.slip_aware import DRIVE_LAG
+from tjscan.crawler.slip_aware import CREEPING_SPEED, DRIVE_LAG
 from tjscan.crawler.slip_estimator import INERTIAL_MEAN_TIME, MOST_SIDEWAYS_SHARE
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.tracks import TrackGeometry
@@ -46,9 +46,10 @@ SUDDEN_LENGTH, LASTING_LENGTH = 2e-3, 30e-3
 """Metres over which readings are averaged that may contradict the estimate: a jump shows within the
 first, a wrong turn within the second, over which the ripple of a chain of that pitch is nothing."""
 
-LEAST_SCATTERS: Final = (20e-6, 10e-6)
+LEAST_SCATTERS: Final = (20e-6, 5e-6)
 """Metres: standard deviations of those means at the least. Edges that are cut and references of the
-joint are off by the one for some millimetres; a track whose slip changes, by the other."""
+joint are off by the one for some millimetres; a track whose slip changes, by the other. In sound
+crawls the longer means come to a third of their limit; a kink that is taken for slip, to twice."""
 
 SCATTER_MEMORY_LENGTH: Final = 0.3
 """Metres over which the true scatter of those means is learned: it counts if it is larger."""
@@ -97,8 +98,12 @@ mean must be less for a shift to be seen."""
 TURNING_GUARDS: Final = ("encoder", "slip")
 """Guards that blame the tracks for what may be a bend of the joint."""
 
-SURPRISES_KEPT, JUMP_SHARE = 50, 0.5
-"""Readings that show whether one jumped, and the share of what they are off by that is one jump."""
+SURPRISES_KEPT: Final = 100
+"""Readings of a vehicle that moves which show whether they jumped, or the joint bends: 40 mm."""
+
+BEND_EVIDENCE: Final = 100.0
+"""How many times likelier a course that leads aside along the way has to be than a jump: a reading
+that jumped and was followed as a bend would hide a knock, so what is in doubt is one."""
 
 
 LEAST_INERTIAL_SCATTER, FIRST_INERTIAL_SCATTER, INERTIAL_SCATTER_TIME = 0.83, 1.5, 30.0
@@ -379,7 +384,8 @@ class ContradictionWatch:
         """Forget what was: the vehicle is driven by hand, or rests there."""
         self._forget_ways(AT_REST)
         self._pictures, self.inertial = PictureWatch(), InertialWatch()
-        self._surprises: deque[float] = deque(maxlen=SURPRISES_KEPT)
+        self._surprises: deque[tuple[float, float]] = deque(maxlen=SURPRISES_KEPT)
+        self._way = 0.0
         self._seen: Profile | None = None
         self._unseen, self._unseen_way = 0, 0.0
         self._doubt: CrawlStopped | None = None
@@ -418,8 +424,8 @@ class ContradictionWatch:
         filled : bool, optional
             Whether the picture shows even steel: it can't show whether it moved.
         follow_bend : callable, optional
-            Takes the joint for one that bends here, and returns whether it does; not asked if a
-            gyro shows that the tracks turn otherwise.
+            Takes the joint for one that bends here, and returns whether it does; not asked if
+            readings jumped, or a gyro shows that the tracks turn otherwise. None where it can't.
 
         Raises
         ------
@@ -446,18 +452,40 @@ class ContradictionWatch:
             if not filled:
                 self._check_unread(profile)
             return
-        self._surprises.append(surprise)
+        self._way += way
+        if way > CREEPING_SPEED * period:  # nothing bends at rest: what goes aside there is a jump
+            self._surprises.append((self._way, surprise))
         sudden, lasting = self._readings.add(surprise, max(way, LEAST_WAY_PER_READING))
         self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
         if (sudden or lasting) and self._doubt is None:
-            doubt = self._contradiction(surprise, shown.speed, profile)
+            steepness = self._steepness()
+            doubt = self._contradiction(surprise, shown.speed, profile, jumped=steepness == inf)
             gyro_denies = BENDING_MISFIT < self.inertial.turn_misfit < inf
-            may_bend = doubt.guard in TURNING_GUARDS and not gyro_denies
+            may_bend = steepness < MOST_SIDEWAYS_SHARE and not gyro_denies
             if follow_bend is not None and may_bend and follow_bend():
                 self._forget_ways(commanded)
+                self._surprises.clear()
                 return
             self._doubt = doubt
             self._settle_doubt(0.0)
+
+    def _steepness(self) -> float:
+        """How far readings go aside in a metre from some place on; infinite if they jumped there.
+
+        Of both courses the one counts that leaves less of the readings unexplained.
+        """
+        if len(self._surprises) < 3:
+            return inf
+        way, off = np.transpose(self._surprises)
+        beyond, off = way[:, None] - way[:-1], off - off.mean()
+        left = []
+        for course in (beyond > 0, np.maximum(beyond, 0)):
+            shape = course - course.mean(axis=0)
+            fitted, norm = off @ shape, (shape**2).sum(axis=0)
+            best = int(np.argmax(fitted**2 / norm))
+            left.append(off @ off - fitted[best] ** 2 / norm[best])
+        likelier = left[0] > left[1] * BEND_EVIDENCE ** (2 / len(off))
+        return float(abs(fitted[best] / norm[best])) if likelier else inf
 
     def _settle_doubt(self, period: float) -> None:
         """Blame the tracks if the gyro turns otherwise; if it turns as they do, the joint bends."""
@@ -484,12 +512,13 @@ class ContradictionWatch:
         if abs(shift) > LARGEST_UNSEEN_SHIFT + MOST_SIDEWAYS_SHARE * self._unseen_way:
             raise _knock_error(-shift)
 
-    def _contradiction(self, off: float, speed: float, profile: Profile) -> CrawlStopped:
+    def _contradiction(
+        self, off: float, speed: float, profile: Profile, *, jumped: bool
+    ) -> CrawlStopped:
         """The error that names why readings are off, by metres now."""
         if self._wheels.difference > SUSPECT_WHEEL_ERROR:
             return self._wheels.error()
-        steps = np.abs(np.diff(self._surprises))
-        if len(steps) and steps.max() > JUMP_SHARE * abs(off):
+        if jumped:
             if not profile.valid.any() or self._pictures.went_along(-off, profile):
                 return _knock_error(off)
             return CrawlStopped(

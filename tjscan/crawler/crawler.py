@@ -165,7 +165,7 @@ class Crawler:
     ) -> None:
         self._devices, self._plan, self._method = devices, plan, method
         self._guards, self._operator, self._hand = guards, operator, hand
-        self._report = event_recorder(journal)
+        self._report, self._told_bends = event_recorder(journal), -1
         self._cycle = ControlCycle(devices, method, guards, journal, plan.planner)
         power, weld, self._journal = devices.power, plan.weld, journal
         self._arc = CrawlArc(self._cycle, devices.torch, power, weld.arc, journal, weld.height)
@@ -289,8 +289,6 @@ class Crawler:
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
             cycle.enter(Event.PASSES_LEFT, where)
-        if cycle.assumed:
-            self._report(WARNING_EVENT, f"it is assumed that {cycle.assumed}")
         for number in range(start.passes_done + 1, len(self._plan.passes) + 1):
             cycle.number = number
             goes_on = start.arc_from if number == start.passes_done + 1 else 0.0
@@ -425,10 +423,14 @@ class Crawler:
 
     def _confirm_weld(self, path: float = 0.0, height: float = 0.0, *, looks: bool = False) -> None:
         """Wait for the operator at rest: he takes his time, and no guard looks meanwhile."""
-        self._cycle.come_to_rest()
-        number, assumed = self._cycle.number, self._cycle.assumed
-        while not self._operator.confirm_weld(number, assumed, looks=looks):
-            self._cycle.come_to_rest(path, height)
+        (cycle := self._cycle).come_to_rest()
+        while True:  # what is assumed may be another thing after each wait
+            if (assumed := cycle.assumed) and self._told_bends != len(cycle.bends):
+                self._told_bends = len(cycle.bends)
+                self._report(WARNING_EVENT, f"it is assumed that {assumed}")
+            if self._operator.confirm_weld(cycle.number, assumed, looks=looks):
+                return
+            cycle.come_to_rest(path, height)
 
     def _run_up_to_strike(self, first: BeadSegments, arc_from: float) -> None:
         """Come to where the arc is to be struck; again if the torch is not known there.
@@ -450,10 +452,12 @@ class Crawler:
             gains_nothing = self._guards.knows_torch(sigma) and sigma > GAINING_SHARE * before
             if self._guards.knows_torch(sigma / STRIKING_SHARE) or gains_nothing or not left:
                 return
-            before = sigma
+            bends = len(self._cycle.bends)
             beyond = min(arc_from + self._plan.alignment.length, self._plan.weld.length)
             while self._cycle.travel < beyond:
                 self._cycle.drive(self._plan.alignment.speed)
             self._cycle.enter(Event.TORCH_NOT_KNOWN, f"the torch was known to {1e3 * sigma:.2f} mm")
             self._go_back(arc_from - self._plan.weld.run_up)
+            # At a bend what was known is forgotten.
+            before = sigma if len(self._cycle.bends) == bends else inf
             self._cycle.enter(Event.PASSES_LEFT, f"pass {self._cycle.number} again")

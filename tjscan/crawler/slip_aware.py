@@ -251,8 +251,10 @@ class SlipAwareMethod:
         geometry = self._estimator.geometry
         if any(abs(one - geometry.laser_to_torch) < BEND_SPACING for one in bend):
             return False
-        known = first.with_bend(bend, geometry.laser_to_torch)
+        seen_from = self._estimator.seen_from
+        known = first.with_bend(bend, geometry.laser_to_torch, seen_from)
         self._estimator = SlipEstimator(geometry, known, self._uncertainty)
+        self._estimator.seen_from = seen_from
         return True
 
     def forget_place(self) -> None:

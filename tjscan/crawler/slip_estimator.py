@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from math import copysign, cos, exp, remainder, sin, sqrt, tan, tau
+from math import copysign, cos, exp, inf, remainder, sin, sqrt, tan, tau
 from operator import mul
 from typing import Annotated, Final, Self
 
@@ -484,7 +484,7 @@ class SlipEstimate:
         x[SlipStateIndex.HEADING] -= float(ahead @ x[STATE_COUNT:]) / geometry.laser_to_torch
         return x
 
-    def with_bend(self, before: tuple[float, ...], at: float) -> Self:
+    def with_bend(self, before: tuple[float, ...], at: float, seen_from: float = -inf) -> Self:
         """The same of a joint that bends, too, at a place.
 
         Parameters
@@ -493,9 +493,12 @@ class SlipEstimate:
             Of places at which it bends already, as in `bend`.
         at : float
             Along the joint from the torch, metres.
+        seen_from : float, optional
+            The first place that the laser saw: before it nothing can show a bend.
         """
-        reach = np.arange(-BEND_REACH, BEND_REACH, BEND_SPACING)
-        new = [at + x for x in reach if all(abs(at + x - one) > BEND_SPACING / 2 for one in before)]
+        reach = at + np.arange(-BEND_REACH, BEND_REACH, BEND_SPACING)
+        reach = reach[reach > seen_from]
+        new = [x for x in reach if all(abs(x - one) > BEND_SPACING / 2 for one in before)]
         places = tuple(sorted((*before, *new)))
         n, shares = STATE_COUNT, np.zeros((len(places), len(places)))
         x, P = np.zeros(n + len(places)), np.zeros((n + len(places),) * 2)
@@ -581,6 +584,8 @@ class SlipEstimator:
         By how much the variances of slip's changes are multiplied, as learned.
     smoother : StateSmoother
         Which takes in each step.
+    seen_from : float
+        How far ahead of the torch the first place is that the laser was over, metres.
     """
 
     def __init__(
@@ -594,6 +599,7 @@ class SlipEstimator:
         self._turn = self._damped_turn = 0.0
         self._by_turn = np.zeros(STATE_COUNT)
         self.smoother = StateSmoother()
+        self.seen_from = geometry.laser_to_torch
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
     def move(self, odometry: TrackOdometry) -> None:
@@ -627,6 +633,7 @@ class SlipEstimator:
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         way = odometry.speed * odometry.period
         bend = tuple(place - way for place in self.estimate.bend)
+        self.seen_from = min(self.seen_from - way, self.geometry.laser_to_torch)
         self.estimate = SlipEstimate(x, (P + P.T) / 2, bend)
         self._window += travel
         if self._window >= MATCHING_WINDOW_LENGTH:
