@@ -4,6 +4,9 @@
 # Programs that tests start would else compile all sources anew: 4 s each where it is set.
 unexport PYTHONDONTWRITEBYTECODE
 
+# As the program sets it before it loads NumPy: times of benches are those of the program.
+export OPENBLAS_NUM_THREADS = 1
+
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

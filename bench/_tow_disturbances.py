@@ -378,6 +378,15 @@ def is_sound_tow_quiet(keys: dict[str, Any], example: str) -> tuple[bool, str]:
     return not named and not tow.ended, f"{example}: {named[:3]} {tow.ended}"
 
 
+def _passer_by_touches(truth: Any, *, beside: bool = False) -> set[str]:
+    """What passers-by touch; with the links beside, to which a cable that is pressed passes it."""
+    touches = {one for one in truth.touches if "passer-by" in one}
+    if beside:
+        links = [one.split(" ", 2) for one in touches if one.startswith("link")]
+        touches |= {f"link {int(k) + by} {with_}" for _, k, with_ in links for by in (-1, 1)}
+    return touches
+
+
 def visiting_obstacle_keys(seed: int) -> dict[str, Any]:
     """Keys of a job in which an obstacle comes onto seam or cable, stands there, and leaves.
 
@@ -430,12 +439,9 @@ def tow_past_visiting_obstacle(seed: int) -> tuple[int, bool, str, DisturbedTow]
 
     tow = tow_disturbed(job, hold_obstacle)
     ours = 0
-    before: tuple[str, ...] = ()
     for last, truth in zip(tow.journal.truths, tow.journal.truths[1:], strict=False):
-        touches = tuple(one for one in truth.touches if "passer-by" in one)
         rests = bool((last.passers_by == truth.passers_by).all())
-        ours += rests and any(one not in before for one in touches)
-        before = touches
+        ours += rests and bool(_passer_by_touches(truth) - _passer_by_touches(last, beside=True))
     ours += sum(any("passer-by" not in one for one in t.touches) for t in tow.journal.truths)
     waits = [event for event in tow.journal.events if event[1] == "waits"]
     words = f"seed {seed}: {ours} touches, {tow.ended or 'welded'}, {[w[2] for w in waits][:2]}"

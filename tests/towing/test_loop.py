@@ -20,7 +20,7 @@ from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import LEAST_ANGLE_DEVIATION
-from tjscan.towing.shape.plan import TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, TowingPlan
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
@@ -196,6 +196,23 @@ def test_the_welder_waits_before_the_cable_beside_one_that_stands_is_bent_too_fa
         rig.run()
     estimate = abs(rig.kept.cycles[-1].plan.estimate).max()
     assert estimate < limit - 2 * LEAST_ANGLE_DEVIATION + 0.01
+
+
+def test_vehicles_that_are_to_stay_where_they_are_stop_at_once() -> None:
+    """What they lagged behind by before is not made up for."""
+    rig = Rig()
+
+    def plan(inputs: PlanInputs) -> TowingPlan:
+        found = RowPlanner.plan(rig.planner, inputs)
+        stays = rig.team.time > 3.0
+        return replace(found, held_poses=inputs.poses, retreat="to stay") if stays else found
+
+    rig.planner.plan = plan  # type: ignore[method-assign]
+    with pytest.raises(TowHalted, match="to stay"):
+        rig.run()
+    before, after = ([c for c in rig.kept.cycles if bool(c.wait) is held] for held in (False, True))
+    assert np.abs([c.asked[:2, 0] for c in before]).max() > 5e-3
+    assert not np.abs([c.asked[:2] for c in after]).any()
 
 
 def test_a_joint_that_may_be_bent_too_far_by_what_its_estimate_is_doubted_halts_the_weld() -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import pi
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from tjscan.towing.shape.area import DiscObstacle, Floor
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
 from tjscan.towing.shape.limited import optimise_within_limits
-from tjscan.towing.shape.limits import BROKEN_LIMIT_TEXTS
+from tjscan.towing.shape.limits import BROKEN_LIMIT_TEXTS, LimitKind
 from tjscan.towing.shape.paper_planner import PaperPlanner
 from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PoseAccuracy, TowingPlan
 from tjscan.towing.shape.planner import CheckedShape, TowingPlanner, optimise_without_limits
@@ -168,7 +169,7 @@ def test_a_cable_that_the_floor_holds_across_itself_is_drawn_no_further_unless_t
         monkeypatch.setattr(
             "tjscan.towing.shape.planner.estimate_shape", lambda *_, led=led, **__: led
         )
-        astray = ours._led_astray(limits, now, plan)
+        astray = ours._led_astray(limits, now, plan, begun.held_poses)
         assert (astray is not None) == bool(words)
         assert astray is None or words in astray[1]
 
@@ -385,6 +386,76 @@ def test_vehicles_lead_away_from_what_came_quicker_than_they_drive(begun: Towing
     assert gaps[-1] == pytest.approx(before + 0.06, abs=0.02)
     assert steps.max() <= 0.1 * TEAM.top_speed + 1e-6
     assert steps[:5].min() > 0.5 * 0.1 * TEAM.top_speed
+
+
+def test_no_vehicle_is_sent_to_a_heading_that_it_cannot_turn_to(begun: TowingPlan) -> None:
+    """A trolley drives at vehicle 4, which is to turn out of its way."""
+    ours, plan, turns = planner(), begun, []
+    for k in range(36):
+        x, y = begun.held_poses[3, :2] + (0.45 - 0.015 * k, 0.0)
+        disc = DiscObstacle(x, y, 0.15, (-0.15, 0.0), name="trolley")
+        found = ours.plan(PlanInputs(plan.held_poses, WELDER, 0.1, plan, [disc]))
+        turns.append(np.abs(found.held_poses - plan.held_poses)[:-1, 2].max())
+        plan = plan if found.halt else found
+    assert max(turns) == pytest.approx(0.1 * TEAM.top_speed / TEAM.body_radius, abs=1e-4)
+
+
+def test_whole_turns_of_where_vehicles_were_sent_change_nothing(begun: TowingPlan) -> None:
+    """A localisation may count headings from 0 to 2π, and vehicles that stopped are sent there."""
+    ours, plan, turn, rows = planner(), begun, np.array((0.0, 0.0, 2 * pi)), []
+    for k in range(36):
+        x, y = begun.held_poses[3, :2] + (0.45 - 0.015 * k, 0.0)
+        disc = DiscObstacle(x, y, 0.15, (-0.15, 0.0), name="trolley")
+        inputs = PlanInputs(plan.held_poses, WELDER, 0.1, plan, [disc])
+        known = ours._plan_shape(inputs)
+        row, same = (
+            ours._led_astray(*known, sent) for sent in (plan.held_poses, plan.held_poses - turn)
+        )
+        assert (row is None) == (same is None)
+        if row is not None and same is not None:
+            assert same[0]["margin"] == pytest.approx(row[0]["margin"], abs=1e-6)
+            rows.append(row)
+        found = ours.plan(inputs)
+        plan = plan if found.halt else found
+    assert rows
+
+
+def test_a_vehicle_that_stands_is_not_led_back(begun: TowingPlan) -> None:
+    """It jammed 20 mm short of where it was sent, and others go on."""
+    ours, seen = planner(), []
+    sent = begun.held_poses + np.array((0.02, 0.0, 0.0)) * (np.arange(6) == 2)[:, None]
+    last = replace(begun, held_poses=sent)
+    inputs = PlanInputs(begun.held_poses, WELDER, 0.1, last, stopped=(2,))
+    limits, now, plan = ours._plan_shape(inputs)
+
+    def remember(*given: Any, **named: Any) -> CableEstimate:
+        seen.append(given[2])
+        return estimate_shape(*given, **named)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tjscan.towing.shape.planner.estimate_shape", remember)
+        patch.setattr("tjscan.towing.shape.planner.NEAR_LIMIT", 10.0)
+        ours._led_astray(limits, now, plan, sent)
+    assert len(seen) == 5
+    np.testing.assert_allclose(np.array(seen)[:, 2], np.tile(plan.held_poses[2], (5, 1)), atol=1e-3)
+
+
+def test_margins_of_turns_change_as_their_gradients_say(begun: TowingPlan) -> None:
+    """Whole turns do not count, and a heading is linear in the angles."""
+    ours = planner()
+    inputs = PlanInputs(begun.held_poses, WELDER, 0.1, begun)
+    limits = ours.limited_problem(begun.angles, inputs)
+    began = limits.problem.pace_from + np.array((0.0, 0.0, 2 * pi))
+    limits = replace(limits, problem=replace(limits.problem, pace_from=began))
+    step = np.random.default_rng(3).normal(0, 2e-4, CABLE.links)
+    found = [
+        rows[rows["kind"] == LimitKind.TURN]
+        for rows in (limits.rows(begun.angles + share * step, 1.0) for share in (1.0, 2.0))
+    ]
+    assert len(found[0]) == len(HELD) - 1
+    changes = margin_gradients(limits, found[0], begun.angles + step) @ step
+    np.testing.assert_allclose(found[1]["margin"] - found[0]["margin"], changes, atol=1e-12)
+    assert np.abs(changes).max() > 1e-4
 
 
 def test_weak_vehicles_draw_no_piece_straighter_than_they_could_drag_it(begun: TowingPlan) -> None:

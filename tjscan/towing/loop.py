@@ -349,7 +349,7 @@ class CableTow:
         if before is None:
             before = poses if self._last is None else self._last.held_poses
         targets = before.copy() if plan.halt else plan.held_poses.copy()
-        before = before.copy()
+        before, stays = before.copy(), (targets == poses).all(axis=1)
         if not plan.halt:
             targets[:, :2] += self._grip.give_way()
         before[-1], targets[-1] = seam.pose_at(self._along), seam.pose_at(along)
@@ -357,7 +357,7 @@ class CableTow:
         for v, (vehicle, follower) in enumerate(
             zip(self._team.vehicles, self._followers, strict=True)
         ):
-            stopped = v in self._standing.stopped and v < welder
+            stopped = v < welder and (v in self._standing.stopped or stays[v])
             if v in lost or v in self._standing.runaways or stopped:
                 follower.reset()
                 targets[v], self._asked[v] = poses[v], AT_REST

@@ -211,14 +211,14 @@ def _solve_by_active_set(
 ) -> bool:
     """Solve a program by adding the worst row and dropping those that pull; True if that ends.
 
-    Rows of pull are of different pieces of cable, and any number may be active in a long one: all
-    that a step breaks are added together. A row is solved for once, when it is added first. What is
-    found meets all conditions of the program's solution, with no slack.
+    Rows of pulls and turns are of different pieces of cable and vehicles, and any number may be
+    active in a long one: all that a step breaks are added together. A row is solved for once, when
+    it is added first. What is found meets all conditions of the program's solution, with no slack.
     """
     n, m, used, wanted = len(step), len(state.constraint), 0, len(state.constraint)
     free, margins = -program.gradient, np.empty(len(rows))
     linear.back_substitute(program.factor, free)
-    room = m + MOST_ACTIVE_ROUNDS + np.count_nonzero(rows["kind"] == LimitKind.TAUT.value)
+    room = m + MOST_ACTIVE_ROUNDS + np.count_nonzero(rows["kind"] >= LimitKind.TAUT.value)
     gradients, solved, schur = np.empty((room, n)), np.empty((room, n)), np.empty((room, room))
     active, row_of, place_of = np.zeros(room), np.empty(room, np.int64), np.full(len(rows), -1)
     gradients[:m], missed = state.jacobian, np.empty(room)
@@ -249,7 +249,7 @@ def _solve_by_active_set(
         if place_of[worst] >= 0 and active[place_of[worst]]:
             return False
         for r in range(len(rows)):
-            if r == worst or (rows[r].kind == LimitKind.TAUT and margins[r] < -1e-9):
+            if r == worst or (rows[r].kind >= LimitKind.TAUT and margins[r] < -1e-9):
                 if place_of[r] < 0:
                     row_of[wanted], missed[wanted], place_of[r] = r, rows[r].margin, wanted
                     new, wanted = gradients[wanted : wanted + 1], wanted + 1
@@ -429,7 +429,7 @@ def _solve_program(
     chain_hessian(derivatives_of_state(now.state), links, limits.arrays.length, hessian[:n, :n])
     hessian[:n, :n] += shift * np.eye(n)
     margins, kinds, of_disc = now.rows["margin"], now.rows["kind"], now.rows["disc"] >= 0
-    is_hard = (kinds == LimitKind.JOINT) | (kinds == LimitKind.SPEED)
+    is_hard = (kinds == LimitKind.JOINT) | (kinds == LimitKind.SPEED) | (kinds == LimitKind.TURN)
     A, rows = np.zeros((m, n + 2)), np.eye(len(margins) + 2, n + 2, n - len(margins))
     A[:, :n] = jacobian
     limit_gradients(now.rows, limits.arrays.root, links, rows)

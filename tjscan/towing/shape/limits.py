@@ -37,6 +37,7 @@ class LimitKind(IntEnum):
     SPEED = 5
     JOINT = 6
     TAUT = 7
+    TURN = 8
 
 
 LIMIT_NAMES: Final = (
@@ -48,6 +49,7 @@ LIMIT_NAMES: Final = (
     "speed of {holder}",
     "bend of joint {link}",
     "pull of the cable before {holder}",
+    "turn of {holder}",
 )
 """In the order of `LimitKind`."""
 
@@ -66,6 +68,7 @@ BROKEN_LIMIT_TEXTS: Final = (
     "joint {link} would be bent {bend}° past its limit of {joint_limit:.1f}°",
     "the cable before {holder} would be drawn {mm} mm too straight: dragged sideways it would pull "
     "too hard for the vehicles",
+    "{holder} would have to turn {bend}° further than it can",
 )
 """How a shape breaks a limit, in the same order."""
 
@@ -131,9 +134,11 @@ class LimitArrays(NamedTuple):
     joint_limit : float
         Radians.
     paced : ndarray of int, shape (P,)
-        Links with a top speed, which began at `pace_from` and may go `pace`.
-    pace_from : ndarray, shape (P, 2)
-    pace : float
+        Links with a top speed, which began at `pace_from` and may go `pace` and turn `turn`.
+    pace_from : ndarray, shape (P, 3)
+        Poses.
+    pace, turn : float
+        Metres and radians.
     longest : ndarray, shape (M,)
         Distances of vehicles from those before them, and of the first from the root, at most.
     """
@@ -152,6 +157,7 @@ class LimitArrays(NamedTuple):
     paced: Indices
     pace_from: Array
     pace: float
+    turn: float
     longest: Array
 
 
@@ -377,6 +383,22 @@ def add_speed_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
 
 
 @compiled
+def add_turn_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
+    """Rows of vehicles that turn nearly as far as they can; margins in radians.
+
+    A heading is held as two points of its link, one metre apart, that move past each other.
+    """
+    for p in range(len(limits.paced)):
+        link = limits.paced[p]
+        turned = links[link, 2] - limits.pace_from[p, 2]
+        turned -= 2 * pi * round(turned / (2 * pi))
+        margin, sign = limits.turn - abs(turned), -1.0 if turned > 0 else 1.0
+        if margin < room.band:
+            ahead, behind = ChainPoint(link, 1.0, 0.0), ChainPoint(link, 0.0, 0.0)
+            add_row(room, LimitKind.TURN, margin, 0.0, sign, ahead, behind)
+
+
+@compiled
 def add_joint_rows(room: RowBuffer, angles: Array, most: float) -> None:
     """Rows of joints that are bent nearly as far as the cable may be, `most` radians."""
     for i in range(len(angles)):
@@ -428,6 +450,7 @@ def fill_limit_rows(
     add_speed_rows(room, links, limits)
     add_joint_rows(room, angles, limits.joint_limit)
     add_taut_rows(room, links, limits)
+    add_turn_rows(room, links, limits)
 
 
 @compiled
@@ -537,6 +560,7 @@ class LimitedProblem:
             paced=problem.paced,
             pace_from=problem.pace_from,
             pace=self.team.top_speed * problem.period - SPARE_MARGIN,
+            turn=self.team.top_speed * problem.period / body - SPARE_MARGIN,
             longest=self._longest_chords() - SPARE_MARGIN,
         )
 

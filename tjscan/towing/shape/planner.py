@@ -73,8 +73,8 @@ LED_STEPS: Final = 5
 """In which it is found how the floor bends the cable on the way to a plan: what slides first
 depends on the way, and a single step finds other bends."""
 
-OVERSHOOT_SHARE: Final = 0.25
-"""Share of their way to a plan by which vehicles go too far, at most."""
+DRIVEN_ON: Final = 0.1
+"""Seconds for which vehicles drive on as they were sent, after a plan that stops them."""
 
 NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
@@ -126,8 +126,9 @@ class TowingPlanner:
 
         The floor holds the cable back: on the way to the plan, a joint may bend further than it is
         planned to, or a link come nearer to something. Then the vehicle on one side of it stays
-        where it was sent, or on both, or all but one, or all, and the welder waits. If even the way
-        to there bends a joint too far, all stay where they are.
+        where it was sent, or on both, or the one that comes too near, or all but one, or all, and
+        the welder waits. If even the way to there breaks another limit than the clearance of a
+        disc, all stop where they are.
 
         Raises
         ------
@@ -136,38 +137,55 @@ class TowingPlanner:
         """
         limits, now, plan = self._plan_shape(inputs)
         last = inputs.last
-        if plan.halt or last is None or (astray := self._led_astray(limits, now, plan)) is None:
+        if plan.halt or last is None:
+            return plan
+        sent = last.held_poses
+        if (astray := self._led_astray(limits, now, plan, sent)) is None:
             return plan
         row, words = astray
         words = f"{plan.retreat}; {words}" if plan.retreat else words
-        towing, piece = np.arange(len(self._held)), int(np.searchsorted(self._held, row["link"]))
-        after, before, sent = towing == piece, towing == piece - 1, last.held_poses
-        some = (~after, ~before, ~(after | before), *(towing == v for v in towing[:-1]))
+        towing = np.arange(len(self._held))
+        piece, other = np.searchsorted(self._held, (row["link"], row["other"]))
+        after, before = towing == piece, towing == piece - 1
+        nearer = towing == (other if row["other"] >= 0 else piece)
+        some = (~after, ~before, ~(after | before), ~nearer, *(towing == v for v in towing[:-1]))
         for moves in (*some, towing < 0):
             poses = np.where(moves[:, None], plan.held_poses, sent)
             tried = replace(plan, held_poses=poses, retreat=words)
-            if not self._led_astray(limits, now, tried):
+            if (astray := self._led_astray(limits, now, tried, sent)) is None:
                 return tried
+            row, _ = astray
         links, angles = last.link_poses, last.angles
-        if row["kind"] == LimitKind.JOINT:
+        if row["disc"] < 0:
             sent = np.where(np.isfinite(inputs.poses), inputs.poses, sent)
         return replace(plan, angles=angles, link_poses=links, held_poses=sent, retreat=words)
 
     def _led_astray(
-        self, limits: LimitedProblem, now: CableEstimate, plan: TowingPlan
+        self, limits: LimitedProblem, now: CableEstimate, plan: TowingPlan, sent: Array
     ) -> tuple[np.void, str] | None:
         """What breaks a limit on the way to a plan, by more than now: a row of limits, and words.
 
         The way is that of the cable as it is estimated, as far as the floor lets the vehicles draw
-        it.
+        it, and as vehicles drive on for `DRIVEN_ON` after they are stopped. They can't come further
+        than they drive and turn till then.
         """
         links, bent = self.cable.poses(now.angles), now.angles
         near = self._heeded_rows(limits, plan, bent, links, NEAR_LIMIT)
         if not len(near):
             return None
         led, held, trust = now, self._held, self.settings.trust
-        for share in np.linspace(0, 1 + OVERSHOOT_SHARE, 1 + LED_STEPS)[1:]:
-            poses = links[held] + share * (plan.held_poses - links[held])
+        drives, period = np.isin(held, limits.problem.paced), limits.problem.period
+        steps = np.stack(
+            (plan.held_poses - links[held], (plan.held_poses - sent) * drives[:, None])
+        )
+        steps[..., 2] -= 2 * np.pi * np.round(steps[..., 2] / (2 * np.pi))
+        way = steps[0] + min(1.0, DRIVEN_ON / period) * steps[1]
+        reach = (period + DRIVEN_ON) * self.team.top_speed
+        way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
+        turn = reach / self.team.body_radius
+        way[:, 2] = np.clip(way[:, 2], -turn, turn)
+        for share in np.linspace(0, 1, 1 + LED_STEPS)[1:]:
+            poses = links[held] + share * way
             led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
             bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
         rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
@@ -297,7 +315,7 @@ class TowingPlanner:
         fixed, fixed_poses = [*still, self.team.welder], np.vstack((now[still], inputs.welder_pose))
         problem = ShapeProblem(
             *(self.cable, floor, s.weights, s.targets, estimate, self._held[fixed], fixed_poses),
-            *(self._held[drives], begins[drives, :2].copy(), inputs.period),
+            *(self._held[drives], begins[drives].copy(), inputs.period),
         )
         return LimitedProblem(problem, self.team, s.limits, tuple(d.name for d in inputs.obstacles))
 

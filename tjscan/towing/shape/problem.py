@@ -252,7 +252,7 @@ class ShapeProblem:
         Links that must have the poses `fixed_poses`, shape (E, 3): the welder's, and those of
         vehicles that are at rest.
     paced : ndarray of int, shape (M,)
-        Links of the vehicles that drive, and where their steps begin: `pace_from`, shape (M, 2).
+        Links of the vehicles that drive, and where their steps begin: `pace_from`, shape (M, 3).
     period : float
         Seconds.
     pull : CablePull or None
@@ -276,7 +276,7 @@ class ShapeProblem:
         """The same but for the obstacles, as compiled functions take it."""
         w, targets, links = self.weights, self.targets, self.cable.links
         moved, costs = self.paced, np.zeros((len(self.paced), 9))
-        costs[:, 0], costs[:, 1:3] = PACE_TERM_INDEX, self.pace_from
+        costs[:, 0], costs[:, 1:3] = PACE_TERM_INDEX, self.pace_from[:, :2]
         costs[:, 6] = costs[:, 8] = 2 * w.pace / (self.period * links)
         if self.pull is not None:
             pull = self.pull.cost(w.pull / links, targets.pull, self.period)
