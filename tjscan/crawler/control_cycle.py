@@ -48,9 +48,6 @@ MOST_BENDS: Final = 3
 """How often the joint may be found to bend: what bends on and on has a radius, which the job must
 state, or is no joint that bends."""
 
-BENDING_PHASES: Final = (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT, Phase.RETURN)
-"""In which the joint may be found to bend, while the vehicle drives and no arc has burned yet."""
-
 WIDTH_STATION_LENGTH: Final = 5e-3
 """Metres of the joint for which one mean width is kept."""
 
@@ -260,7 +257,6 @@ class ControlCycle:
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
         self.bends: list[float] = []
-        self._may_bend = False
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
@@ -271,7 +267,6 @@ class ControlCycle:
         """Strike the arc, or end it."""
         self._devices.torch.set_arc(burning=burning)
         self.arc = burning
-        self._may_bend &= not burning
         where = f"pass {self.number} at {1e3 * self.travel:.1f} mm"
         if jog := self._devices.jog.offset:
             where += f", the torch jogged by {1e3 * jog:+.2f} mm"
@@ -375,7 +370,7 @@ class ControlCycle:
         if self.phase is Phase.MANUAL or self.all_welded:
             self._watch.begin_again()
         else:
-            may_bend = self._may_bend and self.phase in BENDING_PHASES and twist != AT_REST
+            aligns = self.phase in (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT)
             self._watch.add(
                 twist,
                 state.odometry,
@@ -383,7 +378,7 @@ class ControlCycle:
                 profile,
                 surprise,
                 filled=filled,
-                follow_bend=self._follow_bend if may_bend else None,
+                follow_bend=self._follow_bend if aligns and twist != AT_REST else None,
             )
             self._watch.inertial.add(state, misfits, period)
         if self.phase is not Phase.MANUAL:
@@ -435,7 +430,6 @@ class ControlCycle:
     def enter(self, event: Event, detail: str) -> None:
         """Go on to the phase that an event leads to."""
         phase = next_phase(self.phase, event)
-        self._may_bend |= phase is Phase.FORWARD_ALIGNMENT
         if phase in TRACED_PHASES and (trace := self._tracer.finish()) is not None:
             self._journal.record(trace)
             self._journal.record(RunEvent(TORCH_EVENT, trace.text))

@@ -452,12 +452,10 @@ class Crawler:
             gains_nothing = self._guards.knows_torch(sigma) and sigma > GAINING_SHARE * before
             if self._guards.knows_torch(sigma / STRIKING_SHARE) or gains_nothing or not left:
                 return
-            bends = len(self._cycle.bends)
+            before = sigma
             beyond = min(arc_from + self._plan.alignment.length, self._plan.weld.length)
             while self._cycle.travel < beyond:
                 self._cycle.drive(self._plan.alignment.speed)
             self._cycle.enter(Event.TORCH_NOT_KNOWN, f"the torch was known to {1e3 * sigma:.2f} mm")
             self._go_back(arc_from - self._plan.weld.run_up)
-            # At a bend what was known is forgotten.
-            before = sigma if len(self._cycle.bends) == bends else inf
             self._cycle.enter(Event.PASSES_LEFT, f"pass {self._cycle.number} again")
