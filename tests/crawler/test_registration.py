@@ -192,13 +192,17 @@ def test_joint_whose_edges_were_welded_over_since_is_refused() -> None:
         assert register(see(joint, rng, ARC_20), against, true_placement()) is None
 
 
-def test_joint_with_a_bead_over_one_edge_is_where_the_other_edge_shows() -> None:
-    beads = WeldBead(level=14e-3), WeldBead(level=20e-3, crown=5e-3, left=-0.1, right=1.4)
+@pytest.mark.parametrize(("crown", "left", "model"), [(5e-3, -0.1, ARC_20), (3e-3, -0.9, DEFAULT)])
+def test_joint_with_a_bead_over_one_edge_is_where_the_other_edge_shows(
+    crown: float, left: float, model: SectionLaserModel
+) -> None:
+    """The bead may also cover the other bevel but for its upper part."""
+    beads = WeldBead(level=14e-3), WeldBead(level=20e-3, crown=crown, left=left, right=1.4)
     joint, rng = HullJoint(beads=beads), np.random.default_rng(1)
     against, errors, sigmas = reference(joint=joint, passes=1), [], []
     for _ in range(40):
         offset = rng.uniform(-0.2e-3, 0.2e-3)
-        profile = see(joint, rng, ARC_20, SectionLaserPose(offset=offset), passes=2)
+        profile = see(joint, rng, model, SectionLaserPose(offset=offset), passes=2)
         if (found := register(profile, against, true_placement())) is not None:
             errors.append(found.centre + offset)
             sigmas.append(found.centre_sigma)

@@ -41,9 +41,10 @@ EDGE_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 1e-3, 0.3e-3
 """Slope from which a reference is a bevel, and metres to both sides of its edge in which a bead
 over it stands over the hull by so many metres: no joint that is merely narrower does."""
 
-LEAST_SEEN_SHARE_OF_ONE_SIDE: Final = 0.5
-"""Share of what one side shows that must be left if a bead covers the edge of the other: then one
-alone shows where the joint is."""
+LEAST_SEEN_SHARE_OF_ONE_SIDE, LEAST_SEEN_SHARE_OF_EDGE = 0.5, 0.9
+"""Shares that must be left if a bead covers the edge of the other side, and one alone shows where
+the joint is: of what that side shows, or of the points about its edge. Where both edges are welded
+over, or over another joint, outlines cross anywhere else."""
 
 LARGEST_CHANGE_ALONG: Final = 0.3e-3
 """Metres by which a reference's bevels may change over the length that it holds for, as a standard
@@ -240,13 +241,13 @@ def register_profile(
         if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_SHIFT:
             break
     shift_information = (slope / spread) ** 2
-    seen = []
+    seen, near_edge = [], _is_near_edge(u, reference)
     for side in (u < 0, u > 0):
         side_total = shift_information[side].sum()
         seen.append(weight[side] @ shift_information[side] / max(side_total, 1e-12))
         if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE:
-            near_edge = side & _is_near_edge(u, reference)
-            if not (near_edge.any() and np.median((deep - place[1])[near_edge]) < -LEAST_COVER):
+            over_edge = (place[1] - deep)[side & near_edge]
+            if not (len(over_edge) and np.median(over_edge) > LEAST_COVER):
                 return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if shift_information[side] @ deeper > MOST_DEEPER_SHARE * side_total:
@@ -254,7 +255,12 @@ def register_profile(
     if min(seen) < LEAST_SEEN_SHARE_OF_SIDE:
         changes = reference.noise[np.abs(reference.slope) > EDGE_SLOPE]
         is_steady = len(changes) > 0 and np.median(changes) < LARGEST_CHANGE_ALONG
-        if max(seen) < LEAST_SEEN_SHARE_OF_ONE_SIDE or not is_steady:
+        shown = weight[near_edge & ((u > 0) == (seen[1] > seen[0]))]
+        is_shown = max(seen) > LEAST_SEEN_SHARE_OF_ONE_SIDE or (
+            max(seen) > LEAST_SEEN_SHARE_OF_SIDE
+            and np.sum(shown) > LEAST_SEEN_SHARE_OF_EDGE * len(shown)
+        )
+        if not (is_shown and is_steady):
             return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
