@@ -14,9 +14,11 @@ import pytest
 from crawls import SHORT
 
 from tjscan.core.errors import CrawlStopped, VehicleLinkLost, VehicleStopped
+from tjscan.crawler.contradiction import ContradictionWatch
 from tjscan.crawler.crawler import MOST_OFFSET_AT_REVERSAL, Crawler
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.phases import Phase
 from tjscan.crawler.plan import AlignmentSettings
 from tjscan.crawler.torch_axes import SimulatedTorchAxes
 from tjscan.job.crawl.cell import make_crawl_cell
@@ -288,6 +290,30 @@ def test_a_bend_is_told_as_an_assumption_at_ready_and_by_a_stop(
     assert any(re.search(told, text) for text in notes.texts)
     assert [text for text in asked if not text.startswith("the joint bends by ")] == []
     assert len(asked) == (guard == "torch")
+
+
+def test_a_bend_is_followed_in_the_alignment_alone_and_not_at_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After it the vehicle drives out and back again, which tells a slide from a bend."""
+    (file := tmp_path / "short.toml").write_text(SHORT)
+    short, asked = CrawlContext(read_crawl_job(file), file), set[tuple[Phase, bool, bool]]()
+    cell = make_crawl_cell(short.job)
+    with cell:
+        crawler = make_crawler(short, cell, short.make_method(), Notes())
+        add = ContradictionWatch.add
+
+        def remember(watch: ContradictionWatch, twist: Twist, *given: Any, **named: Any) -> None:
+            follows = named["follow_bend"] is not None
+            asked.add((crawler._cycle.phase, twist == AT_REST, follows))
+            add(watch, twist, *given, **named)
+
+        monkeypatch.setattr(ContradictionWatch, "add", remember)
+        crawler.run()
+    aligns = {Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT}
+    assert {Phase.READY, Phase.WELDING, Phase.RETURN, *aligns} <= {phase for phase, *_ in asked}
+    assert {phase for phase, _, follows in asked if follows} == aligns
+    assert not any(rests and follows for _, rests, follows in asked)
 
 
 def test_it_says_what_it_waits_for(tmp_path: Path) -> None:
