@@ -241,12 +241,12 @@ def register_profile(
         if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_SHIFT:
             break
     shift_information = (slope / spread) ** 2
-    seen, near_edge = [], _is_near_edge(u, reference)
+    seen = []
     for side in (u < 0, u > 0):
         side_total = shift_information[side].sum()
         seen.append(weight[side] @ shift_information[side] / max(side_total, 1e-12))
         if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE:
-            over_edge = (place[1] - deep)[side & near_edge]
+            over_edge = (place[1] - deep)[side & _is_near_edge(u, reference)]
             if not (len(over_edge) and np.median(over_edge) > LEAST_COVER):
                 return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
@@ -255,7 +255,7 @@ def register_profile(
     if min(seen) < LEAST_SEEN_SHARE_OF_SIDE:
         changes = reference.noise[np.abs(reference.slope) > EDGE_SLOPE]
         is_steady = len(changes) > 0 and np.median(changes) < LARGEST_CHANGE_ALONG
-        shown = weight[near_edge & ((u > 0) == (seen[1] > seen[0]))]
+        shown = weight[_is_near_edge(u, reference) & ((u > 0) == (seen[1] > seen[0]))]
         is_shown = max(seen) > LEAST_SEEN_SHARE_OF_ONE_SIDE or (
             max(seen) > LEAST_SEEN_SHARE_OF_SIDE
             and np.sum(shown) > LEAST_SEEN_SHARE_OF_EDGE * len(shown)

@@ -147,8 +147,8 @@ class TowingPlanner:
         towing = np.arange(len(self._held))
         piece, other = np.searchsorted(self._held, (row["link"], row["other"]))
         after, before = towing == piece, towing == piece - 1
-        nearer = towing == (other if row["other"] >= 0 else piece)
-        some = (~after, ~before, ~(after | before), ~nearer, *(towing == v for v in towing[:-1]))
+        apart = (towing != other,) if row["other"] >= 0 else ()
+        some = (~after, ~before, ~(after | before), *apart, *(towing == v for v in towing[:-1]))
         for moves in (*some, towing < 0):
             poses = np.where(moves[:, None], plan.held_poses, sent)
             tried = replace(plan, held_poses=poses, retreat=words)
