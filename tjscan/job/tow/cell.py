@@ -293,7 +293,7 @@ def _plan_seam_from_start(
 
 def _refuse_seam_beyond_cable(seam: Seam, length: float, root: tuple[float, float]) -> None:
     along = np.unique(np.concatenate((seam.path.corners, np.arange(0, seam.length, SEAM_STEP))))
-    places = np.array([seam.path.point_at(s) for s in along])
+    places = seam.path.point_at(along)
     off = np.hypot(*(places - root).T)
     worst = int(np.argmax(off))
     if off[worst] > length:

@@ -295,9 +295,8 @@ def _figures_against_truth(
     off, late = _welder_off_its_line(Seam(job.seam), cycles, poses)
     targets = np.array([cycle.targets for cycle in cycles])[:-1, :-1, :2]
     followed = np.linalg.norm(poses[1:, :-1, :2] - targets, axis=-1)
-    gaps = np.linalg.norm(poses[:, :, None, :2] - poses[:, None, :, :2], axis=-1)
-    gaps[:, *np.diag_indices(gaps.shape[1])] = np.inf
     link, body = _clearances_from_solids(job, line, poses)
+    radius, none = job.vehicles.radius, np.zeros((0, 3))
     passers = [_passer_by_clearance(job, truth) for truth in truths if len(truth.passers_by)]
     return {
         "bend_deg": float(np.degrees(np.abs(angles).max())),
@@ -312,7 +311,7 @@ def _figures_against_truth(
         "link_clearance_mm": 1e3 * link,
         "body_clearance_mm": 1e3 * body,
         "passer_by_mm": 1e3 * min(passers, default=nan),
-        "vehicle_gap_mm": float(1e3 * (gaps.min() - 2 * job.vehicles.radius)),
+        "vehicle_gap_mm": 1e3 * min(vehicles_apart(each, radius, none) for each in poses),
         "touches": sum(len(truth.touches) for truth in truths),
     }
 
@@ -321,18 +320,14 @@ def _welder_off_its_line(
     seam: Seam, cycles: Sequence[TowCycle], poses: Array
 ) -> tuple[float, float]:
     """Largest distance of the welder from its line, and along it, metres."""
-    across, along = [0.0], [0.0]
-    for before, pose in zip(cycles, poses[1:, -1], strict=False):
-        target = seam.pose_at(before.along)
-        way = seam.pose_at(before.along + 1e-3)[:2] - seam.pose_at(before.along - 1e-3)[:2]
-        if not way.any():
-            across.append(float(np.hypot(*(pose - target)[:2])))
-            continue
-        x, y = way / np.hypot(*way)
-        dx, dy = (pose - target)[:2]
-        across.append(abs(float(x * dy - y * dx)))
-        along.append(abs(float(x * dx + y * dy)))
-    return max(across), max(along)
+    along, point_at = np.array([cycle.along for cycle in cycles[:-1]]), seam.path.point_at
+    off = poses[1:, -1, :2] - point_at(along)
+    if not seam.length:
+        return float(np.hypot(*off.T).max(initial=0.0)), 0.0
+    ways = point_at(along + 1e-3) - point_at(along - 1e-3)
+    (x, y), (dx, dy) = (ways / np.hypot(*ways.T)[:, None]).T, off.T
+    across, ahead = np.abs(x * dy - y * dx), np.abs(x * dx + y * dy)
+    return float(across.max(initial=0.0)), float(ahead.max(initial=0.0))
 
 
 def _clearances_from_solids(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
@@ -352,6 +347,23 @@ def clearance_from_discs(line: Array, discs: Array) -> float:
     """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
     apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2) - discs[:, 2]
     return float(apart.min())
+
+
+def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
+    """Least distance in metres between the rims of two vehicles, or of one and an obstacle.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (vehicles, 3)
+    radius : float
+        Of each vehicle, metres.
+    discs : ndarray, shape (m, 3)
+        x, y and radius of the obstacles.
+    """
+    between = np.linalg.norm(poses[:, None, :2] - poses[None, :, :2], axis=2) - 2 * radius
+    np.fill_diagonal(between, np.inf)
+    aside = np.linalg.norm(poses[:, None, :2] - discs[None, :, :2], axis=2) - radius - discs[:, 2]
+    return float(min(between.min(initial=np.inf), aside.min(initial=np.inf)))
 
 
 def _passer_by_clearance(job: TowJob, truth: TowTruth) -> float:

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array, readonly_copy
+
+LOOK_AHEAD: Final = 1.0
+"""Seconds of an obstacle's way, and of the welder's, that are to be free: delay of the poses, a
+period of the loop, and the time in which vehicles stop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,8 +32,6 @@ class Cable:
         Of a joint, N m/rad: k.
     friction : float
         Force with which the floor holds a link that slides, newton: μ m g.
-    radius : float
-        Of the cable itself, metres: r.
     root : tuple of float
         x and y, metres, and the direction of the first link at a first joint of no angle, radians.
     rest_angle : float
@@ -53,7 +51,6 @@ class Cable:
     least_bend_radius: float = 0.133
     bending_stiffness: float = 1.7
     friction: float = 0.87 * 0.10 * 9.81
-    radius: float = 8.5e-3
     root: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rest_angle: float = 0.0
     friction_doubt: float = 0.5

@@ -43,8 +43,6 @@ class PlannerSettings:
     bend_limit : float
         Radians that no joint of the cable may be bent by as the floor holds it, if that is more
         than the limit of the cable as it is planned.
-    look_ahead : float
-        Seconds of an obstacle's way that are kept free: delay and stopping time.
     """
 
     weights: WeightSettings = field(default_factory=WeightSettings)
@@ -52,7 +50,6 @@ class PlannerSettings:
     limits: LimitSettings = field(default_factory=lambda: LimitSettings(link_clearance=0.02))
     trust: PoseAccuracy = field(default_factory=PoseAccuracy)
     bend_limit: float = 0.0
-    look_ahead: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

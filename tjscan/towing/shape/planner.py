@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
+from tjscan.towing.shape.area import LOOK_AHEAD, DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import BEND_DEVIATIONS, CableEstimate, HeldCable
 from tjscan.towing.shape.limited import optimise_within_limits
@@ -298,7 +298,7 @@ class TowingPlanner:
         still = [m for m in sorted(inputs.stopped) if m != self.team.welder]
         drives = [m for m in range(self.team.welder) if m not in still]
         begins = now if last is None or last.halt else last.held_poses
-        floor = self._floor.with_discs(inputs.obstacles, s.look_ahead)
+        floor = self._floor.with_discs(inputs.obstacles, LOOK_AHEAD)
         fixed, fixed_poses = [*still, self.team.welder], np.vstack((now[still], inputs.welder_pose))
         problem = ShapeProblem(
             *(self.cable, floor, s.weights, s.targets, estimate, self._held[fixed], fixed_poses),
