@@ -326,9 +326,12 @@ def _what(row: np.void) -> tuple[int, int]:
 
 
 def _apart_or_bent(row: np.void) -> tuple[int, int]:
-    """What may make up for a row of limits: discs for each other, all else, but no other joint."""
-    kind, is_disc = int(row["kind"]), row["disc"] >= 0 or row["kind"] == LimitKind.BODY_TO_BODY
-    return (kind, int(row["link"])) if kind == LimitKind.JOINT else (-1, int(is_disc))
+    """What may make up for a row of limits: discs beside links each other; so bodies, and cable."""
+    kind = int(row["kind"])
+    if kind == LimitKind.JOINT:
+        return kind, int(row["link"])
+    bodies = kind in (LimitKind.BODY_TO_OBSTACLE, LimitKind.BODY_TO_BODY)
+    return (LimitKind.BODY_TO_BODY if bodies else min(kind, LimitKind.LINK_TO_BODY)), -1
 
 
 def _worst_margins(
