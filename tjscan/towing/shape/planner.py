@@ -69,9 +69,10 @@ NEAR_LIMIT: Final = 0.05
 """Metres to spare below which the estimated cable is near to a limit: some periods of a vehicle's
 way."""
 
-LED_STEPS: Final = 5
-"""In which it is found how the floor bends the cable on the way to a plan: what slides first
-depends on the way, and a single step finds other bends."""
+LED_PATH: Final = ((1 / 3, 0, 0), (2 / 3, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1))
+"""Steps in which it is found how the floor bends the cable on the way to a plan: the shares of that
+way, of what vehicles then drive on, and turn on. What slides first depends on the way, and a single
+step finds other bends; and vehicles that are stopped may turn on for longer than they drive on."""
 
 DRIVEN_ON: Final = 0.1
 """Seconds for which vehicles drive on as they were sent, after a plan that stops them."""
@@ -179,13 +180,14 @@ class TowingPlanner:
             (plan.held_poses - links[held], (plan.held_poses - sent) * drives[:, None])
         )
         steps[..., 2] -= 2 * np.pi * np.round(steps[..., 2] / (2 * np.pi))
-        way = steps[0] + min(1.0, DRIVEN_ON / period) * steps[1]
+        steps[1] *= min(1.0, DRIVEN_ON / period)
         reach = (period + DRIVEN_ON) * self.team.top_speed
-        way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
         turn = reach / self.team.body_radius
-        way[:, 2] = np.clip(way[:, 2], -turn, turn)
-        for share in np.linspace(0, 1, 1 + LED_STEPS)[1:]:
-            poses = links[held] + share * way
+        for share, on, turned in LED_PATH:
+            way = share * steps[0] + (on, on, turned) * steps[1]
+            way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
+            way[:, 2] = np.clip(way[:, 2], -turn, turn)
+            poses = links[held] + way
             led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
             bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
         rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
