@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -58,7 +59,7 @@ def shape_problem(rng: np.random.Generator, area: Floor = NOTCHED, links: int = 
         held,
         poses[held, :2] + 2e-3,
         0.1,
-        PULL.moved(poses[held[-1], :2]),
+        replace(PULL, place=poses[held[-1], :2]),
     )
 
 

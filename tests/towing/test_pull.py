@@ -29,7 +29,7 @@ def tow(way: Array) -> tuple[CableEstimate, Array]:
 
 
 def pull(lies: CableEstimate, poses: Array) -> CablePull:
-    found = pull_on_welder(CABLE, HELD, lies, poses, TRUST)
+    found = pull_on_welder(CABLE, HELD, lies, poses, TRUST, np.zeros(2))
     assert found is not None
     return found
 
@@ -119,4 +119,4 @@ def test_where_a_pose_is_not_known_no_force_is() -> None:
     for gone in (0, 1):
         unknown = poses.copy()
         unknown[gone] = np.nan
-        assert pull_on_welder(CABLE, HELD, lies, unknown, TRUST) is None
+        assert pull_on_welder(CABLE, HELD, lies, unknown, TRUST, np.zeros(2)) is None

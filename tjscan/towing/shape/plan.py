@@ -160,7 +160,8 @@ class PlanInputs:
         Seconds.
     last : TowingPlan or None
         The plan before: the next estimate starts from its estimate, and the vehicles' steps are
-        counted from the poses that it sent them to. Without, from where they are.
+        counted from the poses that it sent them to. Without, from the best first shape, and from
+        where they are.
     obstacles : sequence of DiscObstacle
         As they are now.
     stopped : collection of int

@@ -136,12 +136,10 @@ class TowingPlanner:
         ValueError
             A pose of the welder or a period that is no number.
         """
-        limits, now, plan = self._plan_shape(inputs)
-        last = inputs.last
-        if plan.halt or last is None:
-            return plan
+        last = inputs.last or self.starts(inputs.welder_pose, inputs.obstacles)[0]
+        limits, now, plan = self._plan_shape(inputs, last)
         sent = last.held_poses
-        if (astray := self._led_astray(limits, now, plan, sent)) is None:
+        if plan.halt or (astray := self._led_astray(limits, now, plan, sent)) is None:
             return plan
         row, words = astray
         words = f"{plan.retreat}; {words}" if plan.retreat else words
@@ -223,40 +221,42 @@ class TowingPlanner:
         found: LimitRows = rows[heeded & (rows["margin"] < band)]
         return found
 
-    def _plan_shape(self, inputs: PlanInputs) -> tuple[LimitedProblem, CableEstimate, TowingPlan]:
+    def _plan_shape(
+        self, inputs: PlanInputs, last: TowingPlan
+    ) -> tuple[LimitedProblem, CableEstimate, TowingPlan]:
         """The problem, the estimate, and the best shape, as if the floor did not hold it back."""
         poses, welder_pose, period = inputs.poses, inputs.welder_pose, inputs.period
         if not (np.isfinite(welder_pose).all() and np.isfinite(period) and period > 0):
             raise ValueError(f"no plan for a welder at {welder_pose} in {period} s")
-        last, before = inputs.last, None
-        if last is not None and last.rest is not None:
-            before = CableEstimate(last.estimate, last.rest)
-        elif last is not None:
-            before = CableEstimate.without_floor_pull(self.cable, last.estimate)
         held, settings = self.team.held_links, self.settings
-        now = estimate_shape(self.cable, held, poses, last=before, trust=settings.trust)
+        rest = self.cable.poses(last.estimate)[:, :2] if last.rest is None else last.rest
+        before = CableEstimate(last.estimate, rest)
+        now = estimate_shape(self.cable, held, poses, before, settings.trust)
+        known = (self.cable, held, now, poses, settings.trust)
         limits = self.limited_problem(now.angles, inputs)
-        if last and settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
-            pull = pull_on_welder(self.cable, held, now, poses, settings.trust)
-            if pull is not None:
-                pull = pull.moved((welder_pose - poses[-1])[:2])
-                limits = replace(limits, problem=replace(limits.problem, pull=pull))
+        if settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
+            pull = pull_on_welder(*known, (welder_pose - poses[-1])[:2])
+            limits = replace(limits, problem=replace(limits.problem, pull=pull))
         shape, pressed, iterations = self._search_shape(limits, now.angles, last)
         halt = shape.objection(pressed)
-        if halt and last is not None:
+        if halt:
             # The floor may hold the cable on the other side of an obstacle than it was planned.
             shape, pressed, more = self._search_shape(limits, now.angles, None)
             halt, iterations = shape.objection(pressed), iterations + more
         retreat = "" if halt or shape.is_feasible else shape.broken_limit(pressed)
-        known = (self.cable, held, now, poses, settings.trust)
-        forces, tension = (None, None) if last is None else cable_forces(*known)
-        near = (
-            last is not None and np.abs(now.angles).max() > NEAR_BEND_LIMIT * self.cable.joint_limit
+        forces, tension = cable_forces(*known)
+        is_near = np.abs(now.angles).max() > NEAR_BEND_LIMIT * self.cable.joint_limit
+        plan = shape.plan(
+            limits=pressed,
+            iterations=iterations,
+            halt=halt,
+            retreat=retreat,
+            rest=now.rest,
+            deviations=angle_deviations(*known, inputs.sigmas) if is_near else None,
+            forces=forces,
+            tension=tension,
         )
-        deviations = angle_deviations(*known, inputs.sigmas) if near else None
-        found: dict[str, Any] = {"halt": halt, "retreat": retreat, "limits": pressed}
-        found |= {"rest": now.rest, "deviations": deviations, "forces": forces, "tension": tension}
-        return limits, now, shape.plan(iterations=iterations, **found)
+        return limits, now, plan
 
     def _search_shape(
         self, limits: LimitedProblem, estimate: Array, last: TowingPlan | None
@@ -281,21 +281,17 @@ class TowingPlanner:
         """Best shapes of many searches. See `plan.ShapePlanner`."""
         limits = self.start_problem(welder_pose, obstacles)
         plans, problem, resting = [], limits.problem, limits.problem.estimate
-        for found in start_shapes(limits, self.area, welder_pose):
-            begun = replace(limits, problem=replace(problem, estimate=found.angles))
-            shape = CheckedShape(begun, found.angles)
+        for angles in start_shapes(limits, self.area, welder_pose):
+            begun = replace(limits, problem=replace(problem, estimate=angles))
+            shape = CheckedShape(begun, angles)
             if shape.is_feasible:
-                plans.append(shape.plan(iterations=found.iterations))
+                plans.append(shape.plan())
         # Compiled functions are loaded before anything moves: no plan may have to wait for them.
         optimise_within_limits(limits, plans[0].angles if plans else resting, most=1)
         last = plans[0] if plans else None
         for _ in range(2 if last else 0):  # from the second plan on, friction is known
             last = self.plan(PlanInputs(plans[0].held_poses, welder_pose, 1.0, last))
         return plans or [CheckedShape(limits, resting).plan(halt=NO_START_TEXT)]
-
-    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
-        """The best of `starts`."""
-        return self.starts(welder_pose, obstacles)[0]
 
     def start_problem(
         self, welder_pose: Array, obstacles: Sequence[DiscObstacle]

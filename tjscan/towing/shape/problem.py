@@ -419,15 +419,15 @@ def minimise_objective(
     problem, obstacles = ShapeArrays(*arrays), Obstacles(*plain_obstacles)
     n, m = len(angles), 3 * len(problem.fixed)
     state, after = make_shape_state(n, m // 3), make_shape_state(n, m // 3)
-    gradient, step, trial, second = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
+    gradient, step, second = np.empty(n), np.empty(n), np.empty(n)
     factor, y, force = np.empty((n, 6)), np.zeros(m), np.zeros(2)
     penalty, shift, iteration, done = 0.0, 0.0, 0, False
     f = evaluate_shape(angles, problem, obstacles, state)
     while True:
         chain.chain_gradient(derivatives_of_state(state), state.links, problem.length, gradient)
         residual = linear.least_squares_multipliers(state.jacobian, gradient, y)
-        violation = np.abs(state.constraint).max() if m > 0 else 0.0
-        if done or iteration >= most or (residual < tolerance and violation < 1e-9):
+        is_best = residual < tolerance and np.abs(state.constraint).max() < 1e-9
+        if done or iteration >= most or is_best:
             break
         iteration += 1
         add_multipliers(problem, y, state.point)
@@ -437,31 +437,26 @@ def minimise_objective(
             problem.moved, problem.costs, state.links, problem.root, step, force
         )
         off = np.abs(state.constraint).sum()
-        if m > 0:
-            penalty = max(penalty, 2.0 * np.abs(y - weight * state.constraint).max())
+        penalty = max(penalty, 2.0 * np.abs(y - weight * state.constraint).max())
         slope = gradient @ step - penalty * off
         share = min(1.0, LONGEST_JOINT_TURN / max(np.abs(step).max(), 1e-300))
-        merit, corrected, better = f + penalty * off, False, False
-        for _ in range(30):
-            for i in range(n):
-                trial[i] = angles[i] + share * step[i] + (second[i] if corrected else 0.0)
+        merit, second[:] = f + penalty * off, 0.0
+        for k in range(30):
+            trial = angles + share * step + second
             f = evaluate_shape(trial, problem, obstacles, after)
             reached = f + penalty * np.abs(after.constraint).sum()
             if reached <= merit + 1e-4 * share * slope + 1e-12 * abs(merit):
-                better = True
                 break
-            if share == 1.0 and not corrected and m > 0:
-                corrected = True
+            if k == 0 and share == 1.0:
                 linear.constrained_step(
                     factor, state.jacobian, np.zeros(n), after.constraint, second, y
                 )
-                continue
-            corrected = False
-            share *= 0.5
-        if not better:
+            else:
+                share, second[:] = 0.5 * share, 0.0
+        else:
             break
         angles[:] = trial
         state, after = after, state
-        settled = m == 0 or np.abs(state.constraint).max() < 1e-8
+        settled = np.abs(state.constraint).max() < 1e-8
         done = -slope < 1e-6 * max(1.0, abs(f)) and settled
     return iteration
