@@ -483,18 +483,21 @@ def test_a_link_comes_no_nearer_to_something_because_a_vehicle_is_nearer_still(
 ) -> None:
     ours, sent = planner(), begun.held_poses
     led = sent + np.array((0.0, 0.02, 0.0)) * (np.arange(6) == 2)[:, None]
-    _, now, _ = ours._plan_shape(PlanInputs(sent, WELDER, 0.1, begun))
+    _, now, _ = ours._plan_shape(PlanInputs(sent, WELDER, 0.1, begun), begun)
     links = CABLE.poses(now.angles)[:, :2]
     after = estimate_shape(CABLE, HELD, led, last=now, trust=ours.settings.trust)
     drawn = CABLE.poses(after.angles)[:, :2]
     free = np.linalg.norm(links[:, None] - sent[:, :2], axis=2).min(axis=1) > 0.35
     link = int((np.linalg.norm(drawn - links, axis=1) * free).argmax())
     side = (drawn - links)[link] / np.linalg.norm((drawn - links)[link])
-    post = DiscObstacle(*(links[link] + side * (0.05 + CABLE.radius + 0.022)), 0.05, name="post")
+    x, y = links[link] + side * (0.05 + CABLE.radius + 0.022)
+    post = DiscObstacle(x, y, 0.05, name="post")
     across = np.array((-np.sin(sent[4, 2]), np.cos(sent[4, 2])))
-    trolley = DiscObstacle(*(sent[4, :2] + TEAM.body_radius * across), 0.05, name="trolley")
+    x, y = sent[4, :2] + TEAM.body_radius * across
+    trolley = DiscObstacle(x, y, 0.05, name="trolley")
     for obstacles in ([post], [post, trolley]):
-        limits, now, plan = ours._plan_shape(PlanInputs(sent, WELDER, 0.1, begun, obstacles))
+        inputs = PlanInputs(sent, WELDER, 0.1, begun, obstacles)
+        limits, now, plan = ours._plan_shape(inputs, begun)
         astray = ours._led_astray(limits, now, replace(plan, held_poses=led), sent)
         assert astray is not None
         assert "too near to post" in astray[1]
