@@ -57,7 +57,7 @@ def shape_problem(rng: np.random.Generator, area: Floor = NOTCHED, links: int = 
         np.array([links - 1]),
         poses[-1:] + np.array((0.01, 0.0, 0.0)),
         held,
-        poses[held, :2] + 2e-3,
+        poses[held] + np.array((2e-3, 2e-3, 0.0)),
         0.1,
         replace(PULL, place=poses[held[-1], :2]),
     )

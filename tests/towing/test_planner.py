@@ -12,7 +12,7 @@ from towed import YARD, bent_angles, margin_gradients, objective_gradient, objec
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle, Floor
 from tjscan.towing.shape.cable import Cable, TowingTeam
-from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
+from tjscan.towing.shape.estimate import CableEstimate, HeldCable
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import BROKEN_LIMIT_TEXTS, LimitKind
 from tjscan.towing.shape.paper_planner import PaperPlanner
@@ -38,7 +38,7 @@ def begun() -> TowingPlan:
     ours, two = planner(), np.array([(1.3, -1.0, -pi / 2), WELDER])
     free = replace(CABLE, friction=0.0)
     laid = CableEstimate.without_floor_pull(free, ours.starts(WELDER)[0].angles)
-    start = estimate_shape(free, [19, 59], two, laid, TRUST).angles
+    start = HeldCable(free, [19, 59], two, TRUST).estimate(laid).angles
     limits = ours.limited_problem(start, PlanInputs(np.zeros((6, 3)), WELDER, 1.0))
     problem = replace(limits.problem, weights=WeightSettings(change=0, pace=0))
     angles, _ = optimise_without_limits(problem)
@@ -168,9 +168,7 @@ def test_a_cable_that_the_floor_holds_across_itself_is_drawn_no_further_unless_t
     limits = ours.limited_problem(begun.angles, PlanInputs(begun.held_poses, WELDER, 0.1, begun))
     free, worse = (CableEstimate.without_floor_pull(CABLE, np.full(60, a)) for a in (0.1035, 0.13))
     for now, led, words in ((free, worse, "too near"), (worse, free, "")):
-        monkeypatch.setattr(
-            "tjscan.towing.shape.planner.estimate_shape", lambda *_, led=led, **__: led
-        )
+        monkeypatch.setattr(HeldCable, "estimate", lambda *_, led=led: led)
         astray = ours._led_astray(limits, now, plan, begun.held_poses)
         assert (astray is not None) == bool(words)
         assert astray is None or words in astray[1]
@@ -251,8 +249,8 @@ def test_estimates_come_back_from_their_own_poses() -> None:
     free, angles = replace(CABLE, friction=0.0), bent_angles(np.random.default_rng(0))
     bent = CABLE.poses(angles)
     lies = CableEstimate.without_floor_pull(free, angles)
-    shape = estimate_shape(free, HELD, bent[HELD], lies, TRUST)
-    again = estimate_shape(CABLE, HELD, CABLE.poses(shape.angles)[HELD], shape, TRUST)
+    shape = HeldCable(free, HELD, bent[HELD], TRUST).estimate(lies)
+    again = HeldCable(CABLE, HELD, CABLE.poses(shape.angles)[HELD], TRUST).estimate(shape)
     np.testing.assert_allclose(again.angles, shape.angles, atol=2e-3)
     np.testing.assert_allclose(CABLE.poses(shape.angles)[HELD, :2], bent[HELD, :2], atol=2e-3)
 
@@ -267,7 +265,7 @@ def test_noise_that_stretches_the_cable_still_gives_a_shape(begun: TowingPlan) -
     lies = CableEstimate.without_floor_pull(CABLE, np.zeros(60))
     for seed in range(5):
         poses = noisy(straight, seed) * (1.002, 1.0, 1.0)
-        shape = estimate_shape(CABLE, HELD, poses, lies, TRUST).angles
+        shape = HeldCable(CABLE, HELD, poses, TRUST).estimate(lies).angles
         assert np.abs(CABLE.poses(shape)[HELD, :2] - poses[:, :2]).max() < 0.02
         assert np.abs(shape).max() < 0.2
 
@@ -276,7 +274,7 @@ def test_a_pose_unknown_is_a_pose_less_and_not_a_fault(begun: TowingPlan) -> Non
     poses = begun.held_poses.copy()
     poses[1:3] = np.nan
     last = CableEstimate.without_floor_pull(CABLE, begun.angles)
-    shape = estimate_shape(CABLE, HELD, poses, last, TRUST).angles
+    shape = HeldCable(CABLE, HELD, poses, TRUST).estimate(last).angles
     assert np.hypot(*(CABLE.poses(shape) - begun.link_poses)[:, :2].T).max() < 0.05
 
 
@@ -432,12 +430,12 @@ def test_a_vehicle_that_stands_is_not_led_back(begun: TowingPlan) -> None:
     inputs = PlanInputs(begun.held_poses, WELDER, 0.1, last, stopped=(2,))
     limits, now, plan = ours._plan_shape(inputs, last)
 
-    def remember(*given: Any, **named: Any) -> CableEstimate:
+    def remember(*given: Any) -> HeldCable:
         seen.append(given[2])
-        return estimate_shape(*given, **named)
+        return HeldCable(*given)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tjscan.towing.shape.planner.estimate_shape", remember)
+        patch.setattr("tjscan.towing.shape.planner.HeldCable", remember)
         patch.setattr("tjscan.towing.shape.planner.NEAR_LIMIT", 10.0)
         ours._led_astray(limits, now, plan, sent)
     assert len(seen) == 5
@@ -485,7 +483,7 @@ def test_a_link_comes_no_nearer_to_something_because_a_vehicle_is_nearer_still(
     led = sent + np.array((0.0, 0.02, 0.0)) * (np.arange(6) == 2)[:, None]
     _, now, _ = ours._plan_shape(PlanInputs(sent, WELDER, 0.1, begun), begun)
     links = CABLE.poses(now.angles)[:, :2]
-    after = estimate_shape(CABLE, HELD, led, last=now, trust=ours.settings.trust)
+    after = HeldCable(CABLE, TEAM.held_links, led, ours.settings.trust).estimate(now)
     drawn = CABLE.poses(after.angles)[:, :2]
     free = np.linalg.norm(links[:, None] - sent[:, :2], axis=2).min(axis=1) > 0.35
     link = int((np.linalg.norm(drawn - links, axis=1) * free).argmax())

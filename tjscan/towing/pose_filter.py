@@ -132,40 +132,30 @@ class VehiclePoseFilter:
         self._stated = np.array((place, place, settings.heading_sigma))
         self.scatter = self._stated
         """Standard deviation that measured poses count with, metres and radians, shape (3,)."""
-        self._taken_before: tuple[float, Array] | None = None
-        self._step: Array | None = None
         self._bends: deque[Array] = deque(maxlen=FEWEST_POSES_FOR_SCATTER)
-        self._steps = np.zeros((0, 4))
-        self._way_and_unexplained = np.zeros((2, 2))
-        self._slip_share = WHEEL_SLIP_SHARE
-        self._offs: deque[Array] = deque(maxlen=SLIPPED_POSE_COUNT)
-        self._noisy_for = 0
+        self._slip_share, self._noisy_for, self._newest = WHEEL_SLIP_SHARE, 0, -inf
         self._top = np.array((top_speed, top_speed, top_turn_rate))
         self._longest_gap = settings.lost
-        self._pose: Array | None = None
-        self._covariance = np.diag(np.square(self.scatter))
-        self._trail = np.zeros((0, 4))
-        self._taken = self._newest = -inf
-        self._last: tuple[float, ...] = ()
-        self._equal, self._way, self._sudden = 0, 0.0, False
-        self._refused = ""
-        self.denied: Array | None = None
-        """Last measured pose if poses are refused as jumps, moved on to now; shape (3,)."""
+        self.begin_at(np.full(3, np.nan), -inf)
 
     @property
     def known(self) -> bool:
         """Whether a pose was ever taken."""
-        return self._pose is not None
+        return bool(np.isfinite(self._pose).all())
 
     def begin_at(self, pose: Array, time: float) -> None:
-        """Begin with a pose that is known, at a time in seconds."""
+        """Begin with a pose that is known, at a time in seconds; NaN is a pose to be waited for."""
         self._pose, self._covariance = np.array(pose, dtype=float), np.diag(np.square(self.scatter))
-        self._taken, self._refused, self.denied = time, "", None
-        self._equal, self._way, self._last = 0, 0.0, ()
-        self._taken_before = self._step = None
-        self._steps, self._way_and_unexplained = np.zeros((0, 4)), np.zeros((2, 2))
-        self._offs.clear()
         self._trail = np.array([(time, *self._pose)])
+        self._taken, self._refused = time, ""
+        self.denied: Array | None = None
+        """Last measured pose if poses are refused as jumps, moved on to now; shape (3,)."""
+        self._last: tuple[float, ...] = ()
+        self._equal, self._way, self._sudden = 0, 0.0, False
+        self._taken_before: tuple[float, Array] | None = None
+        self._step: Array | None = None
+        self._steps, self._way_and_unexplained = np.zeros((0, 4)), np.zeros((2, 2))
+        self._offs: deque[Array] = deque(maxlen=SLIPPED_POSE_COUNT)
 
     def update(
         self, time: float, period: float, odometry: Twist, measured: VehiclePose | None
@@ -182,7 +172,7 @@ class VehiclePoseFilter:
             Mean of the period.
         measured : VehiclePose or None
         """
-        if self._pose is not None:
+        if self.known:
             self._predict_by_odometry(period, odometry)
             kept = self._trail[-MOST_KEPT_UPDATES + 1 :]
             self._trail = np.vstack((kept, (time, *self._pose)))
@@ -195,12 +185,11 @@ class VehiclePoseFilter:
 
     def estimate(self, time: float) -> VehiclePoseEstimate:
         """The estimate now."""
-        pose = np.full(3, np.nan) if self._pose is None else self._pose
         sigma = np.sqrt(np.diag(self._covariance))
         age = time - self._taken
         late = age > self._longest_gap / 2
         refused = (self._refused or "none comes") if late else ""
-        known = readonly_copy(pose), float(sigma[:2].max()), float(sigma[2]), age, refused
+        known = readonly_copy(self._pose), float(sigma[:2].max()), float(sigma[2]), age, refused
         return VehiclePoseEstimate(*known, *self._way_and_unexplained)
 
     @property
@@ -211,9 +200,8 @@ class VehiclePoseFilter:
     def _compare_way_with_odometry(self) -> None:
         """Find by how much the measured way differs without a known cause, and trust wheels so."""
         places = np.cumsum(self._steps, axis=0)
-        off, way = (places[-AVERAGED_POSES:].mean(0) - places[:AVERAGED_POSES].mean(0)).reshape(
-            2, 2
-        )
+        went = places[-AVERAGED_POSES:].mean(0) - places[:AVERAGED_POSES].mean(0)
+        off, way = went.reshape(2, 2)
         noise = self._place_noise() * sqrt(2 / AVERAGED_POSES)
         allowed = LEAST_UNEXPLAINED_WAY + UNEXPLAINED_WAY_SHARE * hypot(*way)
         self._slip_share = max(WHEEL_SLIP_SHARE, SLIP_FORGETTING * self._slip_share)
@@ -224,7 +212,6 @@ class VehiclePoseFilter:
         self._way_and_unexplained = np.array((way, off))
 
     def _predict_by_odometry(self, period: float, odometry: Twist) -> None:
-        assert self._pose is not None
         velocity = velocity_from_twist(odometry, self._pose[2] + odometry.turn_rate * period / 2)
         step = velocity * period
         self._pose = self._pose + step
@@ -244,7 +231,7 @@ class VehiclePoseFilter:
         if not np.isfinite((*found, measured.time)).all():
             self._refused = "not a number"
             return
-        if self._pose is None:
+        if not self.known:
             self.begin_at(found, time)
             return
         if self._is_frozen(found):
@@ -316,7 +303,6 @@ class VehiclePoseFilter:
 
     def _way_since(self, time: float) -> Array:
         """Way from a time until now, shape (3,)."""
-        assert self._pose is not None
         times, poses = self._trail[:, 0], self._trail[:, 1:]
         k = int(np.searchsorted(times, time))
         if k in {0, len(times)}:

@@ -191,65 +191,6 @@ class CableEstimate:
         return CableEstimate(angles, cable.poses(angles)[:, :2].copy())
 
 
-def estimate_shape(
-    cable: Cable,
-    held_links: Sequence[int],
-    poses: Array,
-    last: CableEstimate,
-    trust: PoseAccuracy,
-) -> CableEstimate:
-    """Shape of the cable between vehicles at these poses.
-
-    The links between were moved from where they were by least work, of bends and friction: that is
-    Coulomb's, for a floor that gives way by `PRESLIDING_DISPLACEMENT` first. So its holding force
-    lasts from one estimate to the next, however little a link moves.
-
-    Parameters
-    ----------
-    cable : Cable
-    held_links : sequence of int
-        Of the vehicles, which carry these links off the floor.
-    poses : ndarray, shape (vehicles, 3)
-        Of the held links: x, y, metres, and heading, radians; rows of NaN are unknown.
-    last : CableEstimate
-        The estimate before.
-    trust : PoseAccuracy
-    """
-    problem = energy_problem_arrays(cable, held_links, poses, trust, last)
-    angles = last.angles.copy()
-    minimise_cable_energy(angles, problem)
-    places = cable.poses(angles)[:, :2]
-    off = places - last.rest
-    far = np.hypot(off[:, 0], off[:, 1])[:, None]
-    held_back = off * np.minimum(1.0, PRESLIDING_DISPLACEMENT / np.maximum(far, 1e-300))
-    return CableEstimate(angles, places - held_back)
-
-
-def energy_problem_arrays(
-    cable: Cable,
-    held_links: Sequence[int],
-    poses: Array,
-    trust: PoseAccuracy,
-    last: CableEstimate,
-) -> EstimateArrays:
-    """The problem of vehicles at these poses."""
-    known = np.isfinite(poses).all(axis=1)
-    # Half of the link on either side carries weight, unless a vehicle holds the link.
-    on_floor = np.ones(cable.links + 1)
-    on_floor[list(held_links)] = on_floor[-1] = 0.0
-    halves = (on_floor[:-1] + on_floor[1:]) / 2
-    return EstimateArrays(
-        np.array(cable.root, dtype=float),
-        cable.link_length,
-        np.array(held_links, dtype=np.int64)[known],
-        np.array(poses[known], dtype=float),
-        np.tile((trust.position_sd**-2, trust.heading_sd**-2), (int(known.sum()), 1)),
-        last.rest.copy(),
-        halves * cable.friction / cable.bending_stiffness,
-        cable.rest_angle,
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CablePull:
     """The cable's force on the welder, and how it changes as the vehicle before it moves.
@@ -311,61 +252,6 @@ class CablePull:
         return np.array((PULL_TERM_INDEX, *self.place, at, *gradient, *second))
 
 
-def pull_on_welder(
-    cable: Cable,
-    held_links: Sequence[int],
-    now: CableEstimate,
-    poses: Array,
-    trust: PoseAccuracy,
-    way: Array,
-) -> CablePull | None:
-    """The cable's pull at the welder; None if its pose or the one of the vehicle before is unknown.
-
-    The force is what holds the last of the estimated links at its pose, so that of bends and
-    friction together. It stays what it is if the vehicle before goes the welder's `way`, metres,
-    shape (2,).
-    """
-    if len(held_links) < 2 or not np.isfinite(poses[-2:]).all():
-        return None
-    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    ways, turns, _ = _turns_by_poses(now.angles, problem)
-    by_place = problem.stiff[-1, 0] * problem.stiff[-2, 0]
-    stiffness = cable.bending_stiffness * by_place * ways[-3:-1] @ turns[-6:-4].T
-    places = cable.poses(now.angles)[:, :2]
-    force = cable.bending_stiffness / trust.position_sd**2 * (places[-1] - poses[-1, :2])
-    link = held_links[-2]
-    return CablePull(force, stiffness, link, places[link] + way, trust.position_sd)
-
-
-def angle_deviations(
-    cable: Cable,
-    held_links: Sequence[int],
-    now: CableEstimate,
-    poses: Array,
-    trust: PoseAccuracy,
-    sigmas: Array | None = None,
-) -> Array:
-    """Standard deviations of the estimated joint angles, radians, shape (N,).
-
-    Of the poses' errors, and of a floor that holds the cable more or less, by the cable's
-    `friction_doubt`, each with what it turns the joints by at the least energy; and of the model.
-
-    Parameters
-    ----------
-    cable, held_links, poses, trust
-        As of `estimate_shape`.
-    now : CableEstimate
-    sigmas : ndarray, shape (vehicles, 2), optional
-        As of `PlanInputs`.
-    """
-    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    _, turns, by_floor = _turns_by_poses(now.angles, problem)
-    errors = 1 / np.sqrt(problem.stiff) if sigmas is None else sigmas
-    weights = (problem.stiff * errors)[:, (0, 0, 1)].reshape(-1, 1)
-    doubts = np.vstack((weights * turns, cable.friction_doubt * by_floor))
-    return np.asarray(np.sqrt((doubts**2).sum(axis=0) + LEAST_ANGLE_DEVIATION**2))
-
-
 @compiled
 def _turns_by_poses(angles: Array, problem: EstimateArrays) -> tuple[Array, Array, Array]:
     """How x, y and heading of held links move with the angles of least energy, shape (3 M, N).
@@ -394,31 +280,113 @@ def _turns_by_poses(angles: Array, problem: EstimateArrays) -> tuple[Array, Arra
     return ways, turns, by_floor
 
 
-def cable_forces(
-    cable: Cable, held_links: Sequence[int], now: CableEstimate, poses: Array, trust: PoseAccuracy
-) -> tuple[Array, Array]:
-    """Forces of the cable on the vehicles, and the tension along it.
-
-    Quasi-static: what holds the estimated links at the vehicles' poses balances bends and floor.
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldCable:
+    """A cable between vehicles at their poses: its shape, its forces, and how sure they are.
 
     Parameters
     ----------
-    cable, held_links, poses, trust
-        As of `estimate_shape`.
-    now : CableEstimate
-
-    Returns
-    -------
-    forces : ndarray, shape (vehicles, 2)
-        Along x and y, newton; NaN for a vehicle with an unknown pose.
-    tension : ndarray, shape (N,)
-        In each link, newton; negative if it is pushed together.
+    cable : Cable
+    links : sequence of int
+        Of the vehicles, which carry these links off the floor.
+    poses : ndarray, shape (vehicles, 3)
+        Of the held links: x, y, metres, and heading, radians; rows of NaN are unknown.
+    trust : PoseAccuracy
     """
-    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    links, parts = np.empty((cable.links, 5)), chain.new_chain_derivatives(cable.links)
-    place_links(now.angles, problem.root, problem.length, links)
-    cable_energy(now.angles, problem, links, parts)
-    inner = np.cumsum(parts.point[::-1, :2], axis=0)[::-1]  # of all that is beyond a link
-    off = links[list(held_links), :2] - poses[:, :2]
-    forces = cable.bending_stiffness / trust.position_sd**2 * off
-    return forces, -cable.bending_stiffness * (inner * links[:, 3:]).sum(axis=1)
+
+    cable: Cable
+    links: Sequence[int]
+    poses: Array
+    trust: PoseAccuracy
+
+    def estimate(self, last: CableEstimate) -> CableEstimate:
+        """Shape of the cable, from the estimate before.
+
+        The links between were moved from where they were by least work, of bends and friction: that
+        is Coulomb's, for a floor that gives way by `PRESLIDING_DISPLACEMENT` first. So its holding
+        force lasts from one estimate to the next, however little a link moves.
+        """
+        angles = last.angles.copy()
+        minimise_cable_energy(angles, self._problem(last))
+        places = self.cable.poses(angles)[:, :2]
+        off = places - last.rest
+        far = np.hypot(off[:, 0], off[:, 1])[:, None]
+        held_back = off * np.minimum(1.0, PRESLIDING_DISPLACEMENT / np.maximum(far, 1e-300))
+        return CableEstimate(angles, places - held_back)
+
+    def pull_on_welder(self, now: CableEstimate, way: Array) -> CablePull | None:
+        """The pull at the welder; None if its pose or that of the vehicle before is unknown.
+
+        The force is what holds the last of the estimated links at its pose, so that of bends and
+        friction together. It stays what it is if the vehicle before goes the welder's `way`,
+        metres, shape (2,).
+        """
+        if len(self.links) < 2 or not np.isfinite(self.poses[-2:]).all():
+            return None
+        problem, stiffness, link = self._problem(now), self.cable.bending_stiffness, self.links[-2]
+        ways, turns, _ = _turns_by_poses(now.angles, problem)
+        by_place = problem.stiff[-1, 0] * problem.stiff[-2, 0]
+        by_way = stiffness * by_place * ways[-3:-1] @ turns[-6:-4].T
+        places = self.cable.poses(now.angles)[:, :2]
+        force = stiffness / self.trust.position_sd**2 * (places[-1] - self.poses[-1, :2])
+        return CablePull(force, by_way, link, places[link] + way, self.trust.position_sd)
+
+    def angle_deviations(self, now: CableEstimate, sigmas: Array | None = None) -> Array:
+        """Standard deviations of the estimated joint angles, radians, shape (N,).
+
+        Of the poses' errors, and of a floor that holds the cable more or less, by the cable's
+        `friction_doubt`, each with what it turns the joints by at the least energy; and of the
+        model.
+
+        Parameters
+        ----------
+        now : CableEstimate
+        sigmas : ndarray, shape (vehicles, 2), optional
+            As of `PlanInputs`.
+        """
+        problem = self._problem(now)
+        _, turns, by_floor = _turns_by_poses(now.angles, problem)
+        errors = 1 / np.sqrt(problem.stiff) if sigmas is None else sigmas
+        weights = (problem.stiff * errors)[:, (0, 0, 1)].reshape(-1, 1)
+        doubts = np.vstack((weights * turns, self.cable.friction_doubt * by_floor))
+        return np.asarray(np.sqrt((doubts**2).sum(axis=0) + LEAST_ANGLE_DEVIATION**2))
+
+    def forces(self, now: CableEstimate) -> tuple[Array, Array]:
+        """Forces of the cable on the vehicles, and the tension along it.
+
+        Quasi-static: what holds the estimated links at the vehicles' poses balances bends and
+        floor.
+
+        Returns
+        -------
+        forces : ndarray, shape (vehicles, 2)
+            Along x and y, newton; NaN for a vehicle with an unknown pose.
+        tension : ndarray, shape (N,)
+            In each link, newton; negative if it is pushed together.
+        """
+        problem, stiffness, n = self._problem(now), self.cable.bending_stiffness, self.cable.links
+        links, parts = np.empty((n, 5)), chain.new_chain_derivatives(n)
+        place_links(now.angles, problem.root, problem.length, links)
+        cable_energy(now.angles, problem, links, parts)
+        inner = np.cumsum(parts.point[::-1, :2], axis=0)[::-1]  # of all that is beyond a link
+        off = links[list(self.links), :2] - self.poses[:, :2]
+        forces = stiffness / self.trust.position_sd**2 * off
+        return forces, -stiffness * (inner * links[:, 3:]).sum(axis=1)
+
+    def _problem(self, last: CableEstimate) -> EstimateArrays:
+        """Of least energy, with a floor that holds the links to where they last were."""
+        cable, known = self.cable, np.isfinite(self.poses).all(axis=1)
+        # Half of the link on either side carries weight, unless a vehicle holds the link.
+        on_floor = np.ones(cable.links + 1)
+        on_floor[list(self.links)] = on_floor[-1] = 0.0
+        halves = (on_floor[:-1] + on_floor[1:]) / 2
+        return EstimateArrays(
+            np.array(cable.root, dtype=float),
+            cable.link_length,
+            np.array(self.links, dtype=np.int64)[known],
+            np.array(self.poses[known], dtype=float),
+            np.tile((self.trust.position_sd**-2, self.trust.heading_sd**-2), (known.sum(), 1)),
+            last.rest.copy(),
+            halves * cable.friction / cable.bending_stiffness,
+            cable.rest_angle,
+        )

@@ -11,14 +11,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
-from tjscan.towing.shape.estimate import (
-    BEND_DEVIATIONS,
-    CableEstimate,
-    angle_deviations,
-    cable_forces,
-    estimate_shape,
-    pull_on_welder,
-)
+from tjscan.towing.shape.estimate import BEND_DEVIATIONS, CableEstimate, HeldCable
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import (
     BROKEN_LIMIT_TEXTS,
@@ -185,8 +178,8 @@ class TowingPlanner:
             way = share * steps[0] + (on, on, turned) * steps[1]
             way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
             way[:, 2] = np.clip(way[:, 2], -turn, turn)
-            poses = links[held] + way
-            led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
+            cable = HeldCable(self.cable, self.team.held_links, links[held] + way, trust)
+            led = cable.estimate(led)
             bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
         rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
         begun = _worst_margins(near, _apart_or_bent)
@@ -228,14 +221,12 @@ class TowingPlanner:
         poses, welder_pose, period = inputs.poses, inputs.welder_pose, inputs.period
         if not (np.isfinite(welder_pose).all() and np.isfinite(period) and period > 0):
             raise ValueError(f"no plan for a welder at {welder_pose} in {period} s")
-        held, settings = self.team.held_links, self.settings
+        held = HeldCable(self.cable, self.team.held_links, poses, self.settings.trust)
         rest = self.cable.poses(last.estimate)[:, :2] if last.rest is None else last.rest
-        before = CableEstimate(last.estimate, rest)
-        now = estimate_shape(self.cable, held, poses, before, settings.trust)
-        known = (self.cable, held, now, poses, settings.trust)
+        now = held.estimate(CableEstimate(last.estimate, rest))
         limits = self.limited_problem(now.angles, inputs)
-        if settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
-            pull = pull_on_welder(*known, (welder_pose - poses[-1])[:2])
+        if self.settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
+            pull = held.pull_on_welder(now, (welder_pose - poses[-1])[:2])
             limits = replace(limits, problem=replace(limits.problem, pull=pull))
         shape, pressed, iterations = self._search_shape(limits, now.angles, last)
         halt = shape.objection(pressed)
@@ -244,7 +235,7 @@ class TowingPlanner:
             shape, pressed, more = self._search_shape(limits, now.angles, None)
             halt, iterations = shape.objection(pressed), iterations + more
         retreat = "" if halt or shape.is_feasible else shape.broken_limit(pressed)
-        forces, tension = cable_forces(*known)
+        forces, tension = held.forces(now)
         is_near = np.abs(now.angles).max() > NEAR_BEND_LIMIT * self.cable.joint_limit
         plan = shape.plan(
             limits=pressed,
@@ -252,7 +243,7 @@ class TowingPlanner:
             halt=halt,
             retreat=retreat,
             rest=now.rest,
-            deviations=angle_deviations(*known, inputs.sigmas) if is_near else None,
+            deviations=held.angle_deviations(now, inputs.sigmas) if is_near else None,
             forces=forces,
             tension=tension,
         )
