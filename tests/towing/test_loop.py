@@ -285,13 +285,20 @@ def test_swapped_poses_are_never_taken() -> None:
 
 def test_a_vehicle_that_was_pushed_is_found_again_and_led_back() -> None:
     def push(rig: Rig, time: float) -> None:
-        if abs(time - 5.0) < 0.01:
-            rig.team.vehicles[1].pose += (0.0, 0.2, 0.0)
+        if 5.0 < time <= 5.5:
+            rig.team.vehicles[1].pose += (0.0, 0.02, 0.0)
 
     rig = Rig(disturb=push, patience=5.0)
     rig.run()
     assert "moved" in rig.kept.names
     assert rig.kept.cycles[-1].poses[1, 1] == pytest.approx(0.0, abs=5e-3)
+
+
+def test_a_pose_that_is_far_off_at_once_is_never_taken() -> None:
+    rig = Rig(lambda v, pose: replace(pose, y=pose.y + 0.2) if v == 1 < pose.time - 4 else pose)
+    with pytest.raises(TowHalted, match="pose of vehicle 2 is lost: jumped"):
+        rig.run()
+    assert "moved" not in rig.kept.names
 
 
 def test_the_welder_must_stand_at_its_seam() -> None:

@@ -474,3 +474,28 @@ def test_weak_vehicles_draw_no_piece_straighter_than_they_could_drag_it(begun: T
     assert pulls.max() <= 0.4 * 15.0 * (1 + 1e-3)
     free = np.hypot(*np.diff(np.vstack((CABLE.root[:2], begun.held_poses[:, :2])), axis=0).T)
     assert free.max() > chords.max()
+
+
+def test_a_link_comes_no_nearer_to_something_because_a_vehicle_is_nearer_still(
+    begun: TowingPlan,
+) -> None:
+    ours, sent = planner(), begun.held_poses
+    led = sent + np.array((0.0, 0.02, 0.0)) * (np.arange(6) == 2)[:, None]
+    _, now, _ = ours._plan_shape(PlanInputs(sent, WELDER, 0.1, begun), begun)
+    links = CABLE.poses(now.angles)[:, :2]
+    after = HeldCable(CABLE, TEAM.held_links, led, ours.settings.trust).estimate(now)
+    drawn = CABLE.poses(after.angles)[:, :2]
+    free = np.linalg.norm(links[:, None] - sent[:, :2], axis=2).min(axis=1) > 0.35
+    link = int((np.linalg.norm(drawn - links, axis=1) * free).argmax())
+    side = (drawn - links)[link] / np.linalg.norm((drawn - links)[link])
+    x, y = links[link] + side * (0.05 + 0.0305)
+    post = DiscObstacle(x, y, 0.05, name="post")
+    across = np.array((-np.sin(sent[4, 2]), np.cos(sent[4, 2])))
+    x, y = sent[4, :2] + TEAM.body_radius * across
+    trolley = DiscObstacle(x, y, 0.05, name="trolley")
+    for obstacles in ([post], [post, trolley]):
+        inputs = PlanInputs(sent, WELDER, 0.1, begun, obstacles)
+        limits, now, plan = ours._plan_shape(inputs, begun)
+        astray = ours._led_astray(limits, now, replace(plan, held_poses=led), sent)
+        assert astray is not None
+        assert "too near to post" in astray[1]

@@ -34,6 +34,9 @@ ODOMETRY_NOISE: Final = (1e-4, 3e-4)
 OUTLIER_SIGMAS: Final = 5.0
 """Standard deviations by which a pose that is true is off at most."""
 
+FASTEST_PUSH: Final = 1.0
+"""Metres a second at which a vehicle may be pushed: what is further off at once is no motion."""
+
 MOST_KEPT_UPDATES: Final = 40
 """Updates that are kept, 2 s of them, so that a late pose meets the estimate of its own time."""
 
@@ -148,7 +151,7 @@ class VehiclePoseFilter:
         self.denied: Array | None = None
         """Last measured pose if poses are refused as jumps, moved on to now; shape (3,)."""
         self._last: tuple[float, ...] = ()
-        self._equal, self._way = 0, 0.0
+        self._equal, self._way, self._sudden = 0, 0.0, False
         self._taken_before: tuple[float, Array] | None = None
         self._step: Array | None = None
         self._steps, self._way_and_unexplained = np.zeros((0, 4)), np.zeros((2, 2))
@@ -242,7 +245,10 @@ class VehiclePoseFilter:
         spread = OUTLIER_SIGMAS * np.sqrt(np.diag(noise + self._covariance))
         reach = self._top * gap + np.abs(self._way_since(self._taken)).max() + spread
         if hypot(off[0], off[1]) > reach[0] or abs(off[2]) > reach[2]:
-            self._refused, self.denied = "jumped", self._pose + off
+            if self._refused != "jumped":
+                pushed = reach[0] + FASTEST_PUSH * (time - self._taken)
+                self._sudden = hypot(off[0], off[1]) > pushed
+            self._refused, self.denied = "jumped", None if self._sudden else self._pose + off
             return
         self._learn_scatter(found, measured.time)
         self._offs.append(off)

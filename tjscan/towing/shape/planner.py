@@ -62,9 +62,10 @@ NEAR_LIMIT: Final = 0.05
 """Metres to spare below which the estimated cable is near to a limit: some periods of a vehicle's
 way."""
 
-LED_STEPS: Final = 5
-"""In which it is found how the floor bends the cable on the way to a plan: what slides first
-depends on the way, and a single step finds other bends."""
+LED_PATH: Final = ((1 / 3, 0, 0), (2 / 3, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1))
+"""Steps in which it is found how the floor bends the cable on the way to a plan: the shares of that
+way, of what vehicles then drive on, and turn on. What slides first depends on the way, and a single
+step finds other bends; and vehicles that are stopped may turn on for longer than they drive on."""
 
 DRIVEN_ON: Final = 0.1
 """Seconds for which vehicles drive on as they were sent, after a plan that stops them."""
@@ -170,14 +171,15 @@ class TowingPlanner:
             (plan.held_poses - links[held], (plan.held_poses - sent) * drives[:, None])
         )
         steps[..., 2] -= 2 * np.pi * np.round(steps[..., 2] / (2 * np.pi))
-        way = steps[0] + min(1.0, DRIVEN_ON / period) * steps[1]
+        steps[1] *= min(1.0, DRIVEN_ON / period)
         reach = (period + DRIVEN_ON) * self.team.top_speed
-        way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
         turn = reach / self.team.body_radius
-        way[:, 2] = np.clip(way[:, 2], -turn, turn)
-        for share in np.linspace(0, 1, 1 + LED_STEPS)[1:]:
-            poses = links[held] + share * way
-            led = HeldCable(self.cable, self.team.held_links, poses, trust).estimate(led)
+        for share, on, turned in LED_PATH:
+            way = share * steps[0] + (on, on, turned) * steps[1]
+            way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
+            way[:, 2] = np.clip(way[:, 2], -turn, turn)
+            cable = HeldCable(self.cable, self.team.held_links, links[held] + way, trust)
+            led = cable.estimate(led)
             bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
         rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
         begun = _worst_margins(near, _apart_or_bent)
@@ -313,9 +315,12 @@ def _what(row: np.void) -> tuple[int, int]:
 
 
 def _apart_or_bent(row: np.void) -> tuple[int, int]:
-    """What may make up for a row of limits: discs for each other, all else, but no other joint."""
-    kind, is_disc = int(row["kind"]), row["disc"] >= 0 or row["kind"] == LimitKind.BODY_TO_BODY
-    return (kind, int(row["link"])) if kind == LimitKind.JOINT else (-1, int(is_disc))
+    """What may make up for a row of limits: discs beside links each other; so bodies, and cable."""
+    kind = int(row["kind"])
+    if kind == LimitKind.JOINT:
+        return kind, int(row["link"])
+    bodies = kind in (LimitKind.BODY_TO_OBSTACLE, LimitKind.BODY_TO_BODY)
+    return (LimitKind.BODY_TO_BODY if bodies else min(kind, LimitKind.LINK_TO_BODY)), -1
 
 
 def _worst_margins(
