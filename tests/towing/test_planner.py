@@ -285,11 +285,6 @@ def test_what_is_no_number_is_refused(begun: TowingPlan) -> None:
         DiscObstacle(np.nan, 0.0, 0.1)
 
 
-def test_the_welder_holds_the_tip() -> None:
-    with pytest.raises(ValueError, match="the last vehicle is the welder"):
-        TowingPlanner(CABLE, TowingTeam(held_links=(9, 50)), YARD)
-
-
 def test_a_start_keeps_every_limit_and_is_found_at_the_far_end_too() -> None:
     ours = planner()
     plan = ours.starts(np.array((2.6, -4.8, pi / 2)))[0]

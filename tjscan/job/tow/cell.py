@@ -260,15 +260,13 @@ def check_seam(
     _refuse_seam_beyond_cable(seam, job.chain.length, job.root.position)
     obstacles = fixed_obstacles(job)
     starts = planner.starts(seam.pose_at(along), obstacles) if last is None else [last]
-    farthest: SeamFeasibility | None = None
+    sweeps = list[SeamFeasibility]()
     for k, start in enumerate(starts):
         sweep = _plan_seam_from_start(start, planner, seam, along, obstacles)
-        if farthest is None or not sweep.why or sweep.reached > farthest.reached:
-            farthest = replace(sweep, chosen=k + 1, shapes=len(starts))
+        sweeps.append(replace(sweep, chosen=k + 1, shapes=len(starts)))
         if not sweep.why:
-            break
-    assert farthest is not None
-    return farthest
+            return sweeps[-1]
+    return max(sweeps, key=lambda sweep: sweep.reached)
 
 
 def _plan_seam_from_start(

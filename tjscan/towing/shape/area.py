@@ -28,11 +28,6 @@ class Floor:
         Corners in order, metres, either way round; the first is not repeated.
     pillars : tuple of ndarray, shape (m, 2)
         Corners of what is on the floor.
-
-    Raises
-    ------
-    ValueError
-        Fewer than three corners, or corners that are no numbers.
     """
 
     outline: Array
@@ -150,10 +145,6 @@ def _inward_normal(a: Array, b: Array) -> Array:
 def _ordered_corners(corners: ArrayLike) -> Array:
     """Read-only copy in counter-clockwise order."""
     points = readonly_copy(corners)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
-        raise ValueError("a polygon needs three corners or more, of x and y each")
-    if not np.isfinite(points).all():
-        raise ValueError("a polygon's corners must be numbers")
     x, y = points.T
     clockwise = float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0
     return readonly_copy(points[::-1]) if clockwise else points

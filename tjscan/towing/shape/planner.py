@@ -94,21 +94,11 @@ class TowingPlanner:
     team : TowingTeam
     area : Floor
     settings : PlannerSettings, optional
-
-    Raises
-    ------
-    ValueError
-        The welder does not hold the last link.
     """
 
     def __init__(
         self, cable: Cable, team: TowingTeam, area: Floor, settings: PlannerSettings | None = None
     ) -> None:
-        if team.held_links[-1] != cable.links - 1:
-            raise ValueError(
-                f"the last vehicle is the welder and holds link {cable.links - 1}, the last, "
-                f"not {team.held_links[-1]}"
-            )
         self.cable, self.team, self.area = cable, team, area
         self.settings = settings or PlannerSettings()
         self._held = np.array(team.held_links, dtype=np.int64)
@@ -182,9 +172,7 @@ class TowingPlanner:
             led = cable.estimate(led)
             bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
         rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
-        begun = _worst_margins(near, _apart_or_bent)
-        least = [begun.get(_apart_or_bent(row), 0.0) for row in rows]
-        rows = rows[rows["margin"] < np.array(least) - LEAST_GROWTH]
+        rows = _broken_further(rows, near, _apart_or_bent, LEAST_GROWTH)
         if not len(rows):
             return None
         row = rows[rows["margin"].argmin()]
@@ -323,14 +311,16 @@ def _apart_or_bent(row: np.void) -> tuple[int, int]:
     return (LimitKind.BODY_TO_BODY if bodies else min(kind, LimitKind.LINK_TO_BODY)), -1
 
 
-def _worst_margins(
-    rows: LimitRows, group: Callable[[np.void], tuple[int, int]] = _what
-) -> dict[tuple[int, int], float]:
-    """Least margin of each group of rows; 0 if it keeps its limits."""
+def _broken_further(
+    rows: LimitRows, before: LimitRows, group: Callable[[np.void], tuple[int, int]], growth: float
+) -> LimitRows:
+    """Rows that are broken by more, and by a growth, than any of their group was before."""
     worst: dict[tuple[int, int], float] = {}
-    for row in rows:
+    for row in before:
         worst[group(row)] = min(worst.get(group(row), 0.0), float(row["margin"]))
-    return worst
+    allowed = np.array([worst.get(group(row), 0.0) for row in rows])
+    broken: LimitRows = rows[rows["margin"] < allowed - growth]
+    return broken
 
 
 def optimise_without_limits(problem: ShapeProblem, start: Array | None = None) -> tuple[Array, int]:
@@ -376,9 +366,8 @@ class CheckedShape:
         steps = int(np.ceil(np.hypot(way[:, 0], way[:, 1]).max() / LONGEST_LINK_STEP))
         for k in range(1, steps):
             between = self._rows_of_places(begins + k / steps * way, -LONGEST_LINK_STEP)
-            entered = _worst_margins(self._rows_of_places(begins)) if len(between) else {}
-            allowed = [entered.get(_what(row), 0.0) for row in between]
-            broken = between[between["margin"] < allowed]
+            entered = self._rows_of_places(begins) if len(between) else between
+            broken = _broken_further(between, entered, _what, 0.0)
             if len(broken):
                 return f"on the way there, {self._worst_row(broken)}"
         return ""

@@ -185,6 +185,13 @@ def derivatives_of_state(state: ShapeState) -> ChainDerivatives:
 
 
 @compiled
+def cost_gradient(cost: Array, x: float, y: float) -> tuple[float, float]:
+    """Gradient at (x, y) of what a link's place costs by itself, see `ShapeArrays`."""
+    dx, dy = x - cost[1], y - cost[2]
+    return cost[4] + cost[6] * dx + cost[7] * dy, cost[5] + cost[7] * dx + cost[8] * dy
+
+
+@compiled
 def evaluate_shape(
     angles: Array, problem: ShapeArrays, obstacles: Obstacles, state: ShapeState
 ) -> float:
@@ -214,17 +221,13 @@ def evaluate_shape(
             point[i, m] = scale[1] * loss[m + 1]
     moved, costs = problem.moved, problem.costs
     for m in range(len(moved)):
-        k = moved[m]
-        x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
-        gx, gy, xx, xy, yy = costs[m, 4], costs[m, 5], costs[m, 6], costs[m, 7], costs[m, 8]
-        terms[int(costs[m, 0])] += (
-            costs[m, 3] + gx * x + gy * y + 0.5 * (xx * x * x + yy * y * y) + xy * x * y
-        )
-        point[k, 0] += gx + xx * x + xy * y
-        point[k, 1] += gy + xy * x + yy * y
-        point[k, 2] += xx
-        point[k, 3] += xy
-        point[k, 4] += yy
+        k, cost = moved[m], costs[m]
+        x, y = links[k, 0] - cost[1], links[k, 1] - cost[2]
+        gx, gy = cost_gradient(cost, links[k, 0], links[k, 1])
+        terms[int(cost[0])] += cost[3] + 0.5 * ((cost[4] + gx) * x + (cost[5] + gy) * y)
+        point[k, 0] += gx
+        point[k, 1] += gy
+        point[k, 2:] += cost[6:]
     fixed, poses = problem.fixed, problem.fixed_poses
     chain.pose_constraints(links, problem.root, fixed, poses, state.constraint, state.jacobian)
     return float(terms.sum())
@@ -329,11 +332,10 @@ def replace_pull(moved: Indices, costs: Array, links: Array, force: Array, point
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM_INDEX:
             k = moved[m]
-            x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
-            point[k, 0] += force[0] - costs[m, 4] - costs[m, 6] * x - costs[m, 7] * y
-            point[k, 1] += force[1] - costs[m, 5] - costs[m, 7] * x - costs[m, 8] * y
-            for c in range(2, 5):
-                point[k, c] -= costs[m, c + 4]
+            gx, gy = cost_gradient(costs[m], links[k, 0], links[k, 1])
+            point[k, 0] += force[0] - gx
+            point[k, 1] += force[1] - gy
+            point[k, 2:] -= costs[m, 6:]
 
 
 @compiled
@@ -344,13 +346,12 @@ def pull_gradient_after_step(
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM_INDEX:
             k = moved[m]
-            x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
+            x, y = links[k, 0], links[k, 1]
             for i in range(k + 1):
                 way = chain.link_motion_by_joint(i, k, links, root)
                 x += way[0] * step[i]
                 y += way[1] * step[i]
-            force[0] = costs[m, 4] + costs[m, 6] * x + costs[m, 7] * y
-            force[1] = costs[m, 5] + costs[m, 7] * x + costs[m, 8] * y
+            force[0], force[1] = cost_gradient(costs[m], x, y)
 
 
 @compiled
@@ -383,8 +384,7 @@ def factorise_lagrangian(
         state.turn[fixed[e], 1] += weight
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM_INDEX:
-            for c in range(2, 5):
-                state.point[moved[m], c] += costs[m, c + 4]
+            state.point[moved[m], 2:] += costs[m, 6:]
     return linear.factorise_convex(parts, links, problem.length, shift, factor, least), weight
 
 
