@@ -433,8 +433,11 @@ def test_a_vehicle_that_stands_is_not_led_back(begun: TowingPlan) -> None:
         patch.setattr("tjscan.towing.shape.planner.HeldCable", remember)
         patch.setattr("tjscan.towing.shape.planner.NEAR_LIMIT", 10.0)
         ours._led_astray(limits, now, plan, sent)
-    assert len(seen) == 5
-    np.testing.assert_allclose(np.array(seen)[:, 2], np.tile(plan.held_poses[2], (5, 1)), atol=1e-3)
+    way = np.array(seen)
+    np.testing.assert_allclose(way[:, 2], np.tile(plan.held_poses[2], (5, 1)), atol=1e-3)
+    np.testing.assert_array_equal(way[3, :, :2], way[2, :, :2])  # stopped, they turn on at first
+    np.testing.assert_array_equal(way[4, :, 2], way[3, :, 2])
+    assert (way[3, :, 2] != way[2, :, 2]).any()
 
 
 def test_margins_of_turns_change_as_their_gradients_say(begun: TowingPlan) -> None:
