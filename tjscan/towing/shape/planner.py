@@ -62,7 +62,7 @@ NEAR_LIMIT: Final = 0.05
 """Metres to spare below which the estimated cable is near to a limit: some periods of a vehicle's
 way."""
 
-LED_PATH: Final = ((1 / 3, 0, 0), (2 / 3, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1))
+WAY_TO_PLAN: Final = ((1 / 3, 0, 0), (2 / 3, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1))
 """Steps in which it is found how the floor bends the cable on the way to a plan: the shares of that
 way, of what vehicles then drive on, and turn on. What slides first depends on the way, and a single
 step finds other bends; and vehicles that are stopped may turn on for longer than they drive on."""
@@ -164,7 +164,7 @@ class TowingPlanner:
         steps[1] *= min(1.0, DRIVEN_ON / period)
         reach = (period + DRIVEN_ON) * self.team.top_speed
         turn = reach / self.team.body_radius
-        for share, on, turned in LED_PATH:
+        for share, on, turned in WAY_TO_PLAN:
             way = share * steps[0] + (on, on, turned) * steps[1]
             way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
             way[:, 2] = np.clip(way[:, 2], -turn, turn)
@@ -303,12 +303,15 @@ def _what(row: np.void) -> tuple[int, int]:
 
 
 def _apart_or_bent(row: np.void) -> tuple[int, int]:
-    """What may make up for a row of limits: discs beside links each other; so bodies, and cable."""
-    kind = int(row["kind"])
-    if kind == LimitKind.JOINT:
-        return kind, int(row["link"])
-    bodies = kind in (LimitKind.BODY_TO_OBSTACLE, LimitKind.BODY_TO_BODY)
-    return (LimitKind.BODY_TO_BODY if bodies else min(kind, LimitKind.LINK_TO_BODY)), -1
+    """Group of limits that make up for each other: links at obstacles; bodies; cable; a joint."""
+    match kind := LimitKind(row["kind"]):
+        case LimitKind.JOINT:
+            return kind, int(row["link"])
+        case LimitKind.BODY_TO_OBSTACLE | LimitKind.BODY_TO_BODY:
+            return LimitKind.BODY_TO_BODY, -1
+        case LimitKind.LINK_TO_BODY | LimitKind.LINK_TO_LINK:
+            return LimitKind.LINK_TO_LINK, -1
+    return kind, -1
 
 
 def _broken_further(
