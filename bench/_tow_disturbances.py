@@ -7,6 +7,7 @@ their way, obstacles that walk and stop as MuJoCo has them.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -40,6 +41,9 @@ NOTICED_WITHIN: Final = 10.0
 MATTERING_WAY: Final = 0.02
 """Metres that a vehicle is commanded to go until what is wrong with its drives can matter: wheels
 that are wrong by half have then brought it 10 mm off, twice what its place counts as reached."""
+
+FLICKERING: Final = 5
+"""Periods for which a touch may cease and be the same: cable that is pressed lightly trembles."""
 
 CLEAR_START: Final = 300.0
 """Millimetres between an obstacle that comes and all vehicles and cable, at first."""
@@ -378,13 +382,26 @@ def is_sound_tow_quiet(keys: dict[str, Any], example: str) -> tuple[bool, str]:
     return not named and not tow.ended, f"{example}: {named[:3]} {tow.ended}"
 
 
-def _passer_by_touches(truth: Any, *, beside: bool = False) -> set[str]:
-    """What passers-by touch; with the links beside, to which a cable that is pressed passes it."""
-    touches = {one for one in truth.touches if "passer-by" in one}
-    if beside:
-        links = [one.split(" ", 2) for one in touches if one.startswith("link")]
-        touches |= {f"link {int(k) + by} {with_}" for _, k, with_ in links for by in (-1, 1)}
-    return touches
+def _passer_by_touches(truth: Any) -> set[str]:
+    return {one for one in truth.touches if "passer-by" in one}
+
+
+def _met_by_passer_by(job: TowJob, truth: Any) -> set[str]:
+    """What the passer-by touches, and the links beside: pressed cable passes it from link to link.
+
+    The plant's contacts are of the ends of links, and are looked for now and then: by distances, a
+    link is met before its ends are.
+    """
+    met = _passer_by_touches(truth)
+    middle, begin, way = truth.passers_by[0, :2], truth.line[:-1], np.diff(truth.line, axis=0)
+    share = np.clip(((middle - begin) * way).sum(axis=1) / (way**2).sum(axis=1), 0.0, 1.0)
+    links = np.hypot(*(begin + share[:, None] * way - middle).T) - job.cable.radius
+    bodies = np.hypot(*(truth.poses[:, :2] - middle).T) - job.vehicles.radius
+    reach = truth.passers_by[0, 2]
+    met |= {f"link {k} and passer-by 1" for k in np.flatnonzero(links < reach)}
+    met |= {f"passer-by 1 and vehicle {v + 1}" for v in np.flatnonzero(bodies < reach)}
+    beside = [one.split(" ", 2) for one in met if one.startswith("link")]
+    return met | {f"link {int(k) + by} {with_}" for _, k, with_ in beside for by in (-1, 1)}
 
 
 def visiting_obstacle_keys(seed: int) -> dict[str, Any]:
@@ -438,10 +455,11 @@ def tow_past_visiting_obstacle(seed: int) -> tuple[int, bool, str, DisturbedTow]
             world._walked[0] = 2 * hold.at - world._walked[0]  # the same place, on its way back
 
     tow = tow_disturbed(job, hold_obstacle)
-    ours = 0
+    ours, before = 0, deque[set[str]](maxlen=FLICKERING)
     for last, truth in zip(tow.journal.truths, tow.journal.truths[1:], strict=False):
         rests = bool((last.passers_by == truth.passers_by).all())
-        ours += rests and bool(_passer_by_touches(truth) - _passer_by_touches(last, beside=True))
+        before.append(_met_by_passer_by(job, last))
+        ours += rests and bool(_passer_by_touches(truth).difference(*before))
     ours += sum(any("passer-by" not in one for one in t.touches) for t in tow.journal.truths)
     waits = [event for event in tow.journal.events if event[1] == "waits"]
     words = f"seed {seed}: {ours} touches, {tow.ended or 'welded'}, {[w[2] for w in waits][:2]}"

@@ -69,7 +69,7 @@ class Tow:
 
     def plans(self, count: int, settle: int = 60) -> Iterator[TowingPlan]:
         """Plans along the wall, of vehicles that go where they are sent; then a halt, if any."""
-        last = self.planner.start(self.pose(0))
+        last = self.planner.starts(self.pose(0))[0]
         if not last.halt:
             for k in range(-settle, count):
                 last = self.next(last, max(k, 0))
@@ -183,10 +183,11 @@ def cold_start_rows(which: slice = slice(None)) -> list[Row]:
         limits = replace(limits, problem=replace(limits.problem, weights=weights))
         area = Floor([(x, y), (far_x, y), (far_x, far_y), (x, far_y)])
         guesses = [random_shape(rng) for _ in range(COLD_STARTS)]
-        others = [shape.f for guess in guesses if (shape := search_shape(limits, guess))]
-        best = min([*others, limits.problem.terms(np.array(given["estimate"])).total])
-        first = start_shapes(limits, area, pose)[0]
-        excess.append(100 * (first.f / best - 1))
+        found = (search_shape(limits, guess) for guess in guesses)
+        others = [np.array(given["estimate"]), *(shape for shape in found if shape is not None)]
+        best = min(limits.problem.terms(shape).total for shape in others)
+        first = limits.problem.terms(start_shapes(limits, area, pose)[0]).total
+        excess.append(100 * (first / best - 1))
     name = f"cold start, {len(excess)} problems: objective over the best of {COLD_STARTS} starts"
     return [
         Row(f"{name}, largest", max(excess), 1.0, "%"),
@@ -213,7 +214,7 @@ def weight_rows() -> list[Row]:
     for change in (0.0, 1.0):
         weights = WeightSettings(bending=24, distance=75, change=change, pace=0.0)
         planner = TowingPlanner(Cable(), TowingTeam(), WIDE, PlannerSettings(weights, limits=free))
-        before = planner.start(pose)
+        before = planner.starts(pose)[0]
         problem = planner.limited_problem(
             before.angles, PlanInputs(before.held_poses, pose, DT, None, away)
         ).problem

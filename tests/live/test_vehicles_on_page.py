@@ -26,8 +26,8 @@ from tjscan.live.page import Page, PageAddress, Replay, stop_button
 from tjscan.live.step import STATE_FACT, RecordedShow, SceneSetup
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.crawl import TORCH_DEVIATION_MEASURE, CrawlPageJournal, CrawlShow
-from tjscan.runs.live.tow import CABLE_CLEARANCE_MEASURE, TowShow, vehicles_apart
-from tjscan.runs.tow.results import clearance_from_discs
+from tjscan.runs.live.tow import CABLE_CLEARANCE_MEASURE, TowShow
+from tjscan.runs.tow.results import clearance_from_discs, vehicles_apart
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan

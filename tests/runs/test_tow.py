@@ -17,7 +17,7 @@ pytest.importorskip("proxsuite")
 from command import tjscan
 
 from tjscan.job.tow.job import read_tow_job
-from tjscan.runs.tow.results import key_figures_of_tow, read_recorded_tow, read_tow_key_figures
+from tjscan.runs.tow.results import outcome_of_tow, read_recorded_tow, read_tow_key_figures
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow
 from tjscan.towing.shape.plan import PlanInputs, TowingPlan
@@ -61,9 +61,9 @@ def test_a_tow_of_one_cycle_has_figures_without_a_mean_of_nothing(out: Path) -> 
     found, job = read_recorded_tow(out), read_tow_job(out / "job.toml")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        figures = key_figures_of_tow(job, found.cycles[:1], found.truths[:1], complete=False)
-    assert figures.as_numbers["followed_mm"] is None
-    assert figures.force_max_n > 0
+        outcome = outcome_of_tow(job, found.cycles[:1], found.truths[:1], (False, "stop", ""))
+    assert outcome.followed_mm is None
+    assert outcome.force_max_n
 
 
 def test_a_dry_run_says_whether_the_seam_can_be_followed(

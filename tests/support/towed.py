@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -56,9 +57,9 @@ def shape_problem(rng: np.random.Generator, area: Floor = NOTCHED, links: int = 
         np.array([links - 1]),
         poses[-1:] + np.array((0.01, 0.0, 0.0)),
         held,
-        poses[held, :2] + 2e-3,
+        poses[held] + np.array((2e-3, 2e-3, 0.0)),
         0.1,
-        PULL.moved(poses[held[-1], :2]),
+        replace(PULL, place=poses[held[-1], :2]),
     )
 
 

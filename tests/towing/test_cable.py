@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.towing.shape.area import Floor
-from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
+from tjscan.towing.shape.cable import Cable, equally_spaced_links
 
 CABLE = Cable(root=(0.3, -0.2, 0.4))
 
@@ -30,28 +30,15 @@ def test_at_its_limit_every_joint_lies_on_the_tightest_circle() -> None:
     np.testing.assert_allclose(np.linalg.norm(line - line.mean(axis=0), axis=1), least, rtol=1e-9)
 
 
-def test_a_cable_that_cannot_be_is_refused() -> None:
-    with pytest.raises(ValueError, match="bend radius"):
-        Cable(link_length=0.3, least_bend_radius=0.1)
-    with pytest.raises(ValueError, match="above 0"):
-        Cable(bending_stiffness=float("nan"))
-
-
 def test_vehicles_sit_at_equal_distances_and_the_last_at_the_tip() -> None:
     assert equally_spaced_links(60, 6) == (9, 19, 29, 39, 49, 59)
     assert equally_spaced_links(60, 2) == (29, 59)
-    with pytest.raises(ValueError, match="rise"):
-        TowingTeam(held_links=(9, 9))
 
 
 def test_corners_are_put_counter_clockwise() -> None:
     square = [(0, 0), (0, 1), (1, 1), (1, 0)]
     np.testing.assert_array_equal(Floor(square).outline, square[::-1])
     np.testing.assert_array_equal(Floor(square[::-1]).outline, square[::-1])
-    with pytest.raises(ValueError, match="three corners"):
-        Floor(square[:2])
-    with pytest.raises(ValueError, match="numbers"):
-        Floor([(0, 0), (1, 0), (1, np.nan)])
 
 
 def test_a_piece_that_hangs_by_friction_is_as_long_as_its_parabola() -> None:

@@ -18,14 +18,12 @@ from tjscan.towing.shape.estimate import (
     PRESLIDING_DISPLACEMENT,
     CableEstimate,
     EstimateArrays,
-    angle_deviations,
+    HeldCable,
     cable_energy,
-    cable_forces,
-    estimate_shape,
 )
 from tjscan.towing.shape.plan import PoseAccuracy
 
-CABLE, HELD = Cable(links=20), (9, 19)
+CABLE, HELD, TRUST = Cable(links=20), (9, 19), PoseAccuracy()
 
 
 def energy(angles: Array, held: Indices, poses: Array, rest: Array) -> tuple[float, Array, Array]:
@@ -64,7 +62,7 @@ def test_derivatives_are_those_of_differences(off: float) -> None:
 
 def tow(estimate: CableEstimate, poses: Array, way: Array, steps: int) -> CableEstimate:
     for k in range(steps):
-        estimate = estimate_shape(CABLE, HELD, poses + (k + 1) / steps * way, last=estimate)
+        estimate = HeldCable(CABLE, HELD, poses + (k + 1) / steps * way, TRUST).estimate(estimate)
     return estimate
 
 
@@ -107,8 +105,8 @@ def test_it_lies_where_the_simulated_cable_does() -> None:
         world.order(1, Twist(speed * np.cos(heading), 0.0, -speed * np.sin(heading)))
         world.advance(0.1)
         poses = world.truth().poses
-        estimate = estimate_shape(CABLE, HELD, poses, last=estimate)
-        frictionless = estimate_shape(Cable(links=20, friction=0.0), HELD, poses, last=frictionless)
+        estimate = HeldCable(CABLE, HELD, poses, TRUST).estimate(estimate)
+        frictionless = HeldCable(FREE, HELD, poses, TRUST).estimate(frictionless)
     off = np.abs(estimate.angles - world.truth().angles)
     assert off.mean() < np.radians(0.5)
     assert off.mean() < 0.3 * np.abs(frictionless.angles - world.truth().angles).mean()
@@ -120,9 +118,9 @@ def test_a_cable_that_is_pushed_together_lies_where_its_energy_is_least() -> Non
     poses = CABLE.poses(lies.angles)[list(HELD)]
     for _ in range(20):
         poses[1, 0] -= 1e-3
-        before, lies = lies, estimate_shape(CABLE, HELD, poses, last=lies, trust=trust)
+        before, lies = lies, HeldCable(CABLE, HELD, poses, trust).estimate(lies)
         begun = CableEstimate(lies.angles, before.rest)
-        again = estimate_shape(CABLE, HELD, poses, last=begun, trust=trust)
+        again = HeldCable(CABLE, HELD, poses, trust).estimate(begun)
         np.testing.assert_allclose(again.angles, lies.angles, atol=1e-4)
 
 
@@ -131,19 +129,27 @@ BENT_POSES = np.array(((0.9, 0.25, 0.2), (1.55, 0.75, 1.2)))
 """Of vehicles between which the cable is slack."""
 
 
+def free_shape(poses: Array, trust: PoseAccuracy) -> CableEstimate:
+    """Of a cable without friction, from the shape between poses that are hardly known on."""
+    lies = CableEstimate.without_floor_pull(FREE, np.zeros(20))
+    for known in (PoseAccuracy(2e-3, 0.01), trust):
+        lies = HeldCable(FREE, HELD, poses, known).estimate(lies)
+    return lies
+
+
 def test_deviations_of_angles_are_those_of_estimates_from_scattered_poses() -> None:
     """Without friction, whose doubt no scatter shows."""
     trust, rng = PoseAccuracy(2e-3, 0.01), np.random.default_rng(4)
-    mean = estimate_shape(FREE, HELD, BENT_POSES, trust=trust)
+    mean = free_shape(BENT_POSES, trust)
     noise = rng.normal(size=(200, 2, 3)) * (2e-3, 2e-3, 0.01)
     scattered = [
-        estimate_shape(FREE, HELD, BENT_POSES + one, last=mean, trust=trust).angles for one in noise
+        HeldCable(FREE, HELD, BENT_POSES + one, trust).estimate(mean).angles for one in noise
     ]
-    stated = angle_deviations(FREE, HELD, mean, BENT_POSES, trust)
+    stated = HeldCable(FREE, HELD, BENT_POSES, trust).angle_deviations(mean)
     stated = np.sqrt(stated**2 - LEAST_ANGLE_DEVIATION**2)
     np.testing.assert_allclose(stated, np.std(scattered, axis=0), rtol=0.25)
     halves = np.tile((1e-3, 0.005), (2, 1))
-    filtered = angle_deviations(FREE, HELD, mean, BENT_POSES, trust, halves)
+    filtered = HeldCable(FREE, HELD, BENT_POSES, trust).angle_deviations(mean, halves)
     np.testing.assert_allclose(
         np.sqrt(filtered**2 - LEAST_ANGLE_DEVIATION**2), stated / 2, rtol=1e-6
     )
@@ -154,11 +160,11 @@ def test_the_force_on_a_vehicle_is_the_slope_of_the_cables_energy() -> None:
 
     def bending_energy(x: float, y: float) -> float:
         poses = BENT_POSES + np.array(((0.0, 0.0, 0.0), (x, y, 0.0)))
-        angles = estimate_shape(FREE, HELD, poses, trust=trust).angles
+        angles = free_shape(poses, trust).angles
         return float(FREE.bending_stiffness * angles @ angles / 2)
 
-    lies = estimate_shape(FREE, HELD, BENT_POSES, trust=trust)
-    forces, tension = cable_forces(FREE, HELD, lies, BENT_POSES, trust)
+    lies = free_shape(BENT_POSES, trust)
+    forces, tension = HeldCable(FREE, HELD, BENT_POSES, trust).forces(lies)
     step = 1e-3
     slope = [
         (bending_energy(step * x, step * y) - bending_energy(-step * x, -step * y)) / (2 * step)

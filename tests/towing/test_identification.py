@@ -9,7 +9,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.towing.identification import identify_cable
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.estimate import CableEstimate, cable_forces, estimate_shape
+from tjscan.towing.shape.estimate import CableEstimate, HeldCable
 from tjscan.towing.shape.plan import PoseAccuracy
 
 STATED = Cable(links=20)
@@ -29,8 +29,8 @@ def poses_on_the_way() -> Array:
 def pushes_of(cable: Cable, poses: Array) -> Array:
     lies, pushes = CableEstimate.without_floor_pull(cable, ANGLES), np.zeros((CYCLES, 2, 3))
     for push, each in zip(pushes, poses, strict=True):
-        lies = estimate_shape(cable, HELD, each, last=lies, trust=TRUST)
-        push[:, :2] = -cable_forces(cable, HELD, lies, each, TRUST)[0]
+        lies = HeldCable(cable, HELD, each, TRUST).estimate(lies)
+        push[:, :2] = -HeldCable(cable, HELD, each, TRUST).forces(lies)[0]
         off = cable.headings(lies.angles)[-1] - each[-1, 2]
         push[-1, 2] = -cable.bending_stiffness / TRUST.heading_sd**2 * off
     return pushes

@@ -285,13 +285,58 @@ def test_swapped_poses_are_never_taken() -> None:
 
 def test_a_vehicle_that_was_pushed_is_found_again_and_led_back() -> None:
     def push(rig: Rig, time: float) -> None:
-        if abs(time - 5.0) < 0.01:
-            rig.team.vehicles[1].pose += (0.0, 0.2, 0.0)
+        if 5.0 < time <= 5.25:
+            rig.team.vehicles[1].pose += (0.0, 0.04, 0.0)
 
     rig = Rig(disturb=push, patience=5.0)
     rig.run()
     assert "moved" in rig.kept.names
     assert rig.kept.cycles[-1].poses[1, 1] == pytest.approx(0.0, abs=5e-3)
+
+
+def jump(pose: VehiclePose, y: float, heading_deg: float = 0.0) -> VehiclePose:
+    return replace(pose, y=pose.y + y, heading=pose.heading + np.radians(heading_deg))
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        lambda pose: jump(pose, 0.2),
+        lambda pose: jump(pose, 0.0, 60.0),
+        lambda pose: jump(pose, 0.04 if pose.time < 5.3 else 0.2),
+        lambda pose: jump(pose, 0.2 if 5.2 < pose.time < 5.7 else np.nan),
+        lambda pose: jump(pose, min(0.8 * (pose.time - 5.0), 1.5)),  # the cable does not reach
+    ],
+)
+def test_what_is_no_motion_of_a_vehicle_is_never_taken(
+    lie: Callable[[VehiclePose], VehiclePose],
+) -> None:
+    rig = Rig(lambda v, pose: lie(pose) if v == 1 and pose.time > 5.0 else pose)
+    with pytest.raises(TowHalted, match="pose of vehicle 2 is lost"):
+        rig.run()
+    assert "moved" not in rig.kept.names
+
+
+@pytest.mark.parametrize("begins", [0.0, 5.0])
+def test_a_single_lie_after_silence_is_forgotten(begins: float) -> None:
+    def spoil(v: int, pose: VehiclePose) -> VehiclePose | None:
+        late = pose.time - begins
+        if v != 1 or not 0.0 <= late < 1.3:
+            return pose
+        return jump(pose, 0.2) if late > 1.22 or (begins == 0.0 and late < 0.06) else None
+
+    rig = Rig(spoil, patience=5.0)
+    rig.run()
+    assert max(abs(cycle.poses[1, 1]) for cycle in rig.kept.cycles[20:]) < 5e-3
+
+
+@pytest.mark.parametrize("off", [lambda time: 0.03, lambda time: min(0.8 * time, 0.2)])
+def test_a_welder_that_was_moved_halts_the_weld(off: Callable[[float], float]) -> None:
+    """It would weld on where it is taken to be, and a localisation may lie."""
+    rig = Rig(lambda v, pose: jump(pose, off(pose.time - 5)) if v == 2 < pose.time - 3 else pose)
+    with pytest.raises(TowHalted, match=r"the welder was moved|pose of vehicle 3 is lost"):
+        rig.run()
+    assert rig.kept.cycles[-1].along < 0.07
 
 
 def test_the_welder_must_stand_at_its_seam() -> None:

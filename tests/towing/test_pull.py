@@ -9,8 +9,7 @@ from tjscan.towing.shape.estimate import (
     PULL_RELIEF_SPEED,
     CableEstimate,
     CablePull,
-    estimate_shape,
-    pull_on_welder,
+    HeldCable,
 )
 from tjscan.towing.shape.plan import PoseAccuracy
 
@@ -24,12 +23,12 @@ def tow(way: Array) -> tuple[CableEstimate, Array]:
     lies = CableEstimate.without_floor_pull(CABLE, BENT)
     for share in np.linspace(0, 1, 30):
         poses = POSES + share * np.array(((0.0, 0.0, 0.0), (*way, 0.0)))
-        lies = estimate_shape(CABLE, HELD, poses, last=lies, trust=TRUST)
+        lies = HeldCable(CABLE, HELD, poses, TRUST).estimate(lies)
     return lies, poses
 
 
 def pull(lies: CableEstimate, poses: Array) -> CablePull:
-    found = pull_on_welder(CABLE, HELD, lies, poses, TRUST)
+    found = HeldCable(CABLE, HELD, poses, TRUST).pull_on_welder(lies, np.zeros(2))
     assert found is not None
     return found
 
@@ -42,7 +41,7 @@ def test_the_stiffness_is_what_a_step_of_the_vehicle_changes() -> None:
         for step in (1e-6, -1e-6):
             stepped = poses.copy()
             stepped[0, axis] += step
-            there = estimate_shape(CABLE, HELD, stepped, last=lies, trust=TRUST)
+            there = HeldCable(CABLE, HELD, stepped, TRUST).estimate(lies)
             forces.append(pull(there, stepped).force)
         change = (forces[0] - forces[1]) / 2e-6
         np.testing.assert_allclose(
@@ -68,7 +67,7 @@ def test_it_pulls_as_the_simulated_cable_does() -> None:
         world.truth()
         world.advance(0.1)
         truth = world.truth()
-        lies = estimate_shape(CABLE, HELD, truth.poses, last=lies, trust=TRUST)
+        lies = HeldCable(CABLE, HELD, truth.poses, TRUST).estimate(lies)
     force = pull(lies, truth.poses).force
     np.testing.assert_allclose(force, truth.forces[1, :2], atol=0.1 * np.abs(force).max())
 
@@ -119,4 +118,4 @@ def test_where_a_pose_is_not_known_no_force_is() -> None:
     for gone in (0, 1):
         unknown = poses.copy()
         unknown[gone] = np.nan
-        assert pull_on_welder(CABLE, HELD, lies, unknown, TRUST) is None
+        assert HeldCable(CABLE, HELD, unknown, TRUST).pull_on_welder(lies, np.zeros(2)) is None

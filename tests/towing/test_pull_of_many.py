@@ -32,7 +32,7 @@ def begun(limits: LimitedProblem) -> Array:
     """From a shape whose pieces are straight but for a thousandth."""
     shape = search_shape(limits, np.full(LINKS, 0.5 / LINKS))
     assert shape is not None
-    return shape.angles
+    return shape
 
 
 def test_pieces_that_begin_nearly_straight_are_given_the_slack_that_pull_demands(

@@ -116,7 +116,7 @@ def moved(problem: ShapeProblem, angle: float, shift: Array, area: Floor) -> Sha
         problem,
         cable=cable,
         obstacles=Obstacles.of_area(there).with_discs([disc], 1.0),
-        pace_from=place(problem.pace_from),
+        pace_from=np.c_[place(problem.pace_from[:, :2]), problem.pace_from[:, 2] + angle],
         pull=pulled_elsewhere(problem, place, lambda points: turned(points, angle)),
     )
 
@@ -154,7 +154,7 @@ def test_a_mirror_image_costs_the_same(seed: int) -> None:
         here,
         cable=replace(here.cable, root=(x, -y, -heading)),
         estimate=-here.estimate,
-        pace_from=here.pace_from * flip,
+        pace_from=here.pace_from * (1.0, -1.0, -1.0),
         pull=pulled_elsewhere(here, lambda points: points * flip, lambda points: points * flip),
     )
     angles = here.estimate + 0.01

@@ -11,13 +11,13 @@ from tjscan.towing.shape.area import Floor
 from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
 from tjscan.towing.shape.plan import PlanInputs
 from tjscan.towing.shape.planner import TowingPlanner
-from tjscan.towing.shape.start import StartShape, start_shapes
+from tjscan.towing.shape.start import start_shapes
 
 OUTLINE = np.array([(0.0, -5.0), (2.6, -5.0), (2.6, 5.0), (0.0, 5.0)])
 
 
-def found(planner: TowingPlanner, pose: Array) -> list[StartShape]:
-    """All that `TowingPlanner.start` chooses from."""
+def found(planner: TowingPlanner, pose: Array) -> list[Array]:
+    """All that `TowingPlanner.starts` chooses from."""
     return start_shapes(planner.start_problem(pose, ()), planner.area, pose)
 
 
@@ -34,7 +34,7 @@ def test_a_long_cable_has_a_shape_in_a_yard_of_its_size(
     )
     pose = np.array((2.6 * scale, -1.5 * scale, np.pi / 2))
 
-    plan = planner.start(pose)
+    plan = planner.starts(pose)[0]
 
     assert not plan.halt
     np.testing.assert_allclose(plan.held_poses[-1], pose, atol=1e-6)
@@ -47,16 +47,18 @@ def test_a_pillar_is_passed_on_either_side() -> None:
     pillar = np.array([(1.0, -0.9), (1.2, -0.9), (1.2, -0.7), (1.0, -0.7)])
     planner = TowingPlanner(Cable(), TowingTeam(), Floor(OUTLINE, [pillar]))
 
-    shapes = found(planner, np.array((2.6, 0.0, np.pi / 2)))
+    pose = np.array((2.6, 0.0, np.pi / 2))
+    shapes = found(planner, pose)
 
     sides = set()
     for shape in shapes:
-        line = planner.cable.line(shape.angles)
+        line = planner.cable.line(shape)
         x, y = (line - pillar.mean(axis=0)).T
         sight = np.unwrap(np.arctan2(y, x))
         sides.add(round((sight[-1] - sight[0]) / (2 * np.pi), 1))
     assert len(sides) >= 2
-    costs = [shape.f for shape in shapes]
+    terms = planner.start_problem(pose, ()).problem.terms
+    costs = [terms(shape).total for shape in shapes]
     assert costs == sorted(costs)
 
 
@@ -64,7 +66,7 @@ def test_the_search_finds_the_same_twice() -> None:
     """To the last bit."""
     planner = TowingPlanner(Cable(), TowingTeam(), Floor(OUTLINE))
     pose = np.array((2.6, 3.0, np.pi / 2))
-    first, second = planner.start(pose), planner.start(pose)
+    first, second = planner.starts(pose)[0], planner.starts(pose)[0]
     np.testing.assert_array_equal(first.angles, second.angles)
 
 

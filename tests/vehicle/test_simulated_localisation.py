@@ -102,7 +102,7 @@ def test_it_reads_a_world_in_order_and_drops_what_is_no_pose() -> None:
     world = TowingWorld(model, np.zeros(10), settle=0.0)
     factory = LOCALISATION_DRIVERS.load("simulated")
     eyes = factory.make(
-        LocalisationInputs(vehicles=2, world=world, simulation=EXACT), factory.table()
+        LocalisationInputs(vehicles=2, seed=0, world=world, simulation=EXACT), factory.table()
     )
     assert isinstance(eyes, SimulatedLocalisation)
     events: list[str] = []

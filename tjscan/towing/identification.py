@@ -12,7 +12,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.towing.following import wrap_angle
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.estimate import CableEstimate, cable_forces, estimate_shape
+from tjscan.towing.shape.estimate import CableEstimate, HeldCable
 from tjscan.towing.shape.plan import PoseAccuracy
 from tjscan.towing.tables import IdentifiedCable
 
@@ -88,7 +88,6 @@ def identify_cable(
             f"does not show what cable it was: it takes more than {least:.0f} s of a tow whose "
             "vehicles report the push of their wheels"
         )
-    held, length = list(held_links), cable.link_length
 
     def tow(values: Array) -> tuple[Array, Array]:
         """Forces on the vehicles, and moments on the last, of a cable without a set."""
@@ -99,19 +98,17 @@ def identify_cable(
             friction=cable.friction * slower,
             rest_angle=0.0,
         )
-        lies, forces = (
-            CableEstimate.without_floor_pull(guess, first),
-            np.empty((kept, len(held), 2)),
-        )
-        off = np.empty(kept)
+        lies = CableEstimate.without_floor_pull(guess, first)
+        forces, off = np.empty((kept, len(held_links), 2)), np.empty(kept)
         for k, each in enumerate(poses[:kept]):
-            lies = estimate_shape(guess, held, each, last=lies, trust=trust)
-            forces[k], _ = cable_forces(guess, held, lies, each, trust)
+            held = HeldCable(guess, held_links, each, trust)
+            lies = held.estimate(lies)
+            forces[k], _ = held.forces(lies)
             off[k] = wrap_angle(guess.headings(lies.angles)[-1] - each[-1, 2])
         return forces, guess.bending_stiffness / trust.heading_sd**2 * off
 
     def errors(values: Array) -> Array:
-        mean = tow(values)[0].reshape(-1, BLOCK_CYCLES, len(held), 2).mean(axis=1)
+        mean = tow(values)[0].reshape(-1, BLOCK_CYCLES, len(held_links), 2).mean(axis=1)
         return np.asarray((mean + measured)[known])
 
     found = least_squares(
@@ -130,8 +127,8 @@ def identify_cable(
         each = [found.fun[group == k] @ jacobian[group == k] for k in np.unique(group)]
         meat += np.transpose(each) @ each * len(each) / max(len(each) - 1, 1)
     sd = np.sqrt(np.diag(spread @ meat @ spread))
-    scale = np.exp(found.x - 1.0)
-    stiffness, drag = scale * (cable.bending_stiffness * length, cable.friction / length)
+    known_as = cable.bending_stiffness * cable.link_length, cable.friction / cable.link_length
+    stiffness, drag = np.exp(found.x - 1.0) * known_as
     bends = -(pushes[:kept, -1, 2] + tow(found.x)[1]) / stiffness
     bends = bends[SKIPPED_BLOCKS * BLOCK_CYCLES :]
     parts = [each.mean() for each in np.array_split(bends[np.isfinite(bends)], clusters)]

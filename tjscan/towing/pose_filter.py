@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import hypot, inf, sqrt
+from math import degrees, hypot, inf, sqrt
 from typing import Final
 
 import numpy as np
@@ -33,6 +33,10 @@ ODOMETRY_NOISE: Final = (1e-4, 3e-4)
 
 OUTLIER_SIGMAS: Final = 5.0
 """Standard deviations by which a pose that is true is off at most."""
+
+FASTEST_PUSH: Final = 1.0
+"""Metres a second at which a vehicle's rim may be pushed: what is further off at once is no motion
+of a vehicle whose place was known."""
 
 MOST_KEPT_UPDATES: Final = 40
 """Updates that are kept, 2 s of them, so that a late pose meets the estimate of its own time."""
@@ -104,7 +108,9 @@ class VehiclePoseFilter:
 
     Between measured poses the odometry goes on. A pose further off than the vehicle may have
     driven at top speed since the last one that was taken, and five standard deviations, is
-    refused. So is one that is older than the last, and one that never changes on the way.
+    refused. So is one that is older than the last, and one that never changes on the way. Poses
+    that are refused for long may be a push, see `denied`: not if one was further off from the one
+    before than `FASTEST_PUSH` explains.
 
     Measured poses count for as much as they are stated to, and for less where they are seen to
     scatter more. How much is read off the second differences of measured poses less odometry: the
@@ -129,40 +135,32 @@ class VehiclePoseFilter:
         self._stated = np.array((place, place, settings.heading_sigma))
         self.scatter = self._stated
         """Standard deviation that measured poses count with, metres and radians, shape (3,)."""
-        self._taken_before: tuple[float, Array] | None = None
-        self._step: Array | None = None
         self._bends: deque[Array] = deque(maxlen=FEWEST_POSES_FOR_SCATTER)
-        self._steps = np.zeros((0, 4))
-        self._way_and_unexplained = np.zeros((2, 2))
-        self._slip_share = WHEEL_SLIP_SHARE
-        self._offs: deque[Array] = deque(maxlen=SLIPPED_POSE_COUNT)
-        self._noisy_for = 0
+        self._slip_share, self._noisy_for, self._newest = WHEEL_SLIP_SHARE, 0, -inf
         self._top = np.array((top_speed, top_speed, top_turn_rate))
+        self._push = FASTEST_PUSH * np.array((1.0, 1.0, top_turn_rate / top_speed))
         self._longest_gap = settings.lost
-        self._pose: Array | None = None
-        self._covariance = np.diag(np.square(self.scatter))
-        self._trail = np.zeros((0, 4))
-        self._taken = self._newest = -inf
-        self._last: tuple[float, ...] = ()
-        self._equal, self._way = 0, 0.0
-        self._refused = ""
-        self.denied: Array | None = None
-        """Last measured pose if poses are refused as jumps, moved on to now; shape (3,)."""
+        self.begin_at(np.full(3, np.nan), -inf)
 
     @property
     def known(self) -> bool:
         """Whether a pose was ever taken."""
-        return self._pose is not None
+        return bool(np.isfinite(self._pose).all())
 
     def begin_at(self, pose: Array, time: float) -> None:
-        """Begin with a pose that is known, at a time in seconds."""
+        """Begin with a pose that is known, at a time in seconds; NaN is a pose to be waited for."""
         self._pose, self._covariance = np.array(pose, dtype=float), np.diag(np.square(self.scatter))
-        self._taken, self._refused, self.denied = time, "", None
-        self._equal, self._way, self._last = 0, 0.0, ()
-        self._taken_before = self._step = None
-        self._steps, self._way_and_unexplained = np.zeros((0, 4)), np.zeros((2, 2))
-        self._offs.clear()
         self._trail = np.array([(time, *self._pose)])
+        self._taken, self._refused = time, ""
+        self.denied: Array | None = None
+        """Last measured pose if poses are refused as jumps that may be a push; shape (3,)."""
+        self._last: tuple[float, ...] = ()
+        self._equal, self._way, self._sudden = 0, 0.0, False
+        self._jump: tuple[float, float, Array] | None = None
+        self._taken_before: tuple[float, Array] | None = None
+        self._step: Array | None = None
+        self._steps, self._way_and_unexplained = np.zeros((0, 4)), np.zeros((2, 2))
+        self._offs: deque[Array] = deque(maxlen=SLIPPED_POSE_COUNT)
 
     def update(
         self, time: float, period: float, odometry: Twist, measured: VehiclePose | None
@@ -179,7 +177,7 @@ class VehiclePoseFilter:
             Mean of the period.
         measured : VehiclePose or None
         """
-        if self._pose is not None:
+        if self.known:
             self._predict_by_odometry(period, odometry)
             kept = self._trail[-MOST_KEPT_UPDATES + 1 :]
             self._trail = np.vstack((kept, (time, *self._pose)))
@@ -192,12 +190,11 @@ class VehiclePoseFilter:
 
     def estimate(self, time: float) -> VehiclePoseEstimate:
         """The estimate now."""
-        pose = np.full(3, np.nan) if self._pose is None else self._pose
         sigma = np.sqrt(np.diag(self._covariance))
         age = time - self._taken
         late = age > self._longest_gap / 2
         refused = (self._refused or "none comes") if late else ""
-        known = readonly_copy(pose), float(sigma[:2].max()), float(sigma[2]), age, refused
+        known = readonly_copy(self._pose), float(sigma[:2].max()), float(sigma[2]), age, refused
         return VehiclePoseEstimate(*known, *self._way_and_unexplained)
 
     @property
@@ -208,9 +205,8 @@ class VehiclePoseFilter:
     def _compare_way_with_odometry(self) -> None:
         """Find by how much the measured way differs without a known cause, and trust wheels so."""
         places = np.cumsum(self._steps, axis=0)
-        off, way = (places[-AVERAGED_POSES:].mean(0) - places[:AVERAGED_POSES].mean(0)).reshape(
-            2, 2
-        )
+        went = places[-AVERAGED_POSES:].mean(0) - places[:AVERAGED_POSES].mean(0)
+        off, way = went.reshape(2, 2)
         noise = self._place_noise() * sqrt(2 / AVERAGED_POSES)
         allowed = LEAST_UNEXPLAINED_WAY + UNEXPLAINED_WAY_SHARE * hypot(*way)
         self._slip_share = max(WHEEL_SLIP_SHARE, SLIP_FORGETTING * self._slip_share)
@@ -221,9 +217,8 @@ class VehiclePoseFilter:
         self._way_and_unexplained = np.array((way, off))
 
     def _predict_by_odometry(self, period: float, odometry: Twist) -> None:
-        assert self._pose is not None
         velocity = velocity_from_twist(odometry, self._pose[2] + odometry.turn_rate * period / 2)
-        step = velocity * period
+        step = np.nan_to_num(velocity * period)
         self._pose = self._pose + step
         way = hypot(step[0], step[1])
         self._way += way
@@ -241,7 +236,7 @@ class VehiclePoseFilter:
         if not np.isfinite((*found, measured.time)).all():
             self._refused = "not a number"
             return
-        if self._pose is None:
+        if not self.known:
             self.begin_at(found, time)
             return
         if self._is_frozen(found):
@@ -255,7 +250,13 @@ class VehiclePoseFilter:
         spread = OUTLIER_SIGMAS * np.sqrt(np.diag(noise + self._covariance))
         reach = self._top * gap + np.abs(self._way_since(self._taken)).max() + spread
         if hypot(off[0], off[1]) > reach[0] or abs(off[2]) > reach[2]:
-            self._refused, self.denied = "jumped", self._pose + off
+            since, before, last = self._jump or (time, self._taken, np.zeros(3))
+            step, most = off - last, reach + self._push * (time - before)
+            further = hypot(step[0], step[1]) > most[0] or abs(wrap_angle(step[2])) > most[2]
+            self._sudden |= further and len(self._steps) >= AVERAGED_POSES
+            self._jump, lasts = (since, time, off), time - since >= self._longest_gap
+            self._refused = "jumped"
+            self.denied = self._pose + off if lasts and not self._sudden else None
             return
         self._learn_scatter(found, measured.time)
         self._offs.append(off)
@@ -270,6 +271,7 @@ class VehiclePoseFilter:
         self._pose = self._pose + off
         self._trail[:, 1:] += off
         self._taken, self._refused, self.denied = time, "", None
+        self._jump, self._sudden = None, False
 
     def _learn_scatter(self, found: Array, time: float) -> None:
         """Take the poses' scatter from how they bend away from the odometry."""
@@ -310,7 +312,6 @@ class VehiclePoseFilter:
 
     def _way_since(self, time: float) -> Array:
         """Way from a time until now, shape (3,)."""
-        assert self._pose is not None
         times, poses = self._trail[:, 0], self._trail[:, 1:]
         k = int(np.searchsorted(times, time))
         if k in {0, len(times)}:
@@ -362,8 +363,9 @@ class TeamPoseFilter:
 
     A vehicle may be pushed farther than it drives, and a measurement may jump, or take one
     vehicle for another. Where poses were refused for as long as `LocalisationSettings.lost`, they
-    are taken after all if the cable reaches from one vehicle to the next, and no two bodies
-    overlap; else the vehicle counts as lost.
+    are taken after all if none was further off at once than a push explains, the cable reaches
+    from one vehicle to the next, and no two bodies overlap; else the vehicle counts as lost. So
+    does the welder in any case: it would weld on where it is taken to be.
 
     Parameters
     ----------
@@ -419,12 +421,14 @@ class TeamPoseFilter:
     def _accept_refused_poses(
         self, time: float, late: Sequence[int], found: list[VehiclePoseEstimate]
     ) -> bool:
-        denied = {v: pose for v in late if (pose := self._filters[v].denied) is not None}
+        towing = [v for v in late if v != self._team.welder]
+        denied = {v: pose for v in towing if (pose := self._filters[v].denied) is not None}
         poses = np.array([denied.get(v, one.pose) for v, one in enumerate(found)])
         if not denied or not self._is_possible_for_cable(poses):
             return False
         for v, pose in denied.items():
-            way = f"{1e3 * hypot(*(pose - found[v].pose)[:2]):.0f} mm"
+            x, y, turn = pose - found[v].pose
+            way = f"{1e3 * hypot(x, y):.0f} mm and {degrees(abs(wrap_angle(turn))):.0f}°"
             self._filters[v].begin_at(pose, time)
             self._report("moved", f"vehicle {v + 1} was moved by {way}, and not by itself")
         return True

@@ -9,12 +9,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import DiscObstacle
+from tjscan.towing.shape.area import LOOK_AHEAD, DiscObstacle
 from tjscan.towing.tables import SeamSettings
-
-WELDER_LOOK_AHEAD: Final = 1.0
-"""Seconds of the welder's way, and of an obstacle's, that are to be free: delay of the poses, a
-period of the loop, and the time in which the welder stops."""
 
 SMALLEST_SWEEP: Final = 1e-12
 """Square metres of a way: what goes less is at rest."""
@@ -46,10 +42,10 @@ class Polyline:
         """Of all pieces, metres."""
         return float(self.corners[-1])
 
-    def point_at(self, along: float) -> tuple[float, float]:
-        """Point at a length from the beginning, metres; its ends before and behind it."""
-        x = np.interp(along, self.corners, self.points[:, 0])
-        return float(x), float(np.interp(along, self.corners, self.points[:, 1]))
+    def point_at(self, along: float | Array) -> Array:
+        """Points at lengths from the beginning, metres, shape (..., 2); its ends beyond them."""
+        places = [np.interp(along, self.corners, axis) for axis in self.points.T]
+        return np.stack(places, axis=-1)
 
 
 class Seam:
@@ -91,7 +87,7 @@ class Seam:
     ) -> tuple[float, str]:
         """Distance of the obstacle that comes nearest to the welder's centre, and its name.
 
-        Within `WELDER_LOOK_AHEAD`, on the welder's way and on its own.
+        Within `LOOK_AHEAD`, on the welder's way and on its own.
 
         Parameters
         ----------
@@ -106,11 +102,11 @@ class Seam:
         tuple of (float, str)
             Metres; infinite without obstacles.
         """
-        way = np.linspace(along, along + WELDER_LOOK_AHEAD * self.settings.speed, WAY_SAMPLES)
-        places = np.array([pose[:2], *(self.path.point_at(s) for s in way)])
+        way = np.linspace(along, along + LOOK_AHEAD * self.settings.speed, WAY_SAMPLES)
+        places = np.vstack((pose[:2], self.path.point_at(way)))
         nearest = inf, ""
         for one in obstacles:
-            begin, sweep = np.array((one.x, one.y)), WELDER_LOOK_AHEAD * np.array(one.velocity)
+            begin, sweep = np.array((one.x, one.y)), LOOK_AHEAD * np.array(one.velocity)
             share = (places - begin) @ sweep / max(float(sweep @ sweep), SMALLEST_SWEEP)
             away = places - begin - np.clip(share, 0.0, 1.0)[:, None] * sweep
             nearest = min(nearest, (float(np.hypot(*away.T).min()) - one.radius, one.name))

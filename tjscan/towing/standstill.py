@@ -112,10 +112,13 @@ class WaitingReason:
         In a sentence without its full stop.
     device : bool
         Whether a vehicle or the link to it is to blame.
+    for_good : bool
+        Whether waiting changes nothing.
     """
 
     why: str
     device: bool = False
+    for_good: bool = False
 
 
 class WaitingPatience:
@@ -149,7 +152,7 @@ class WaitingPatience:
         Raises
         ------
         TowHalted
-            If it waited for too long.
+            If it waited for too long, or waiting changes nothing.
         VehicleFault
             The same, if a vehicle or the link to it is to blame.
         """
@@ -163,7 +166,7 @@ class WaitingPatience:
         if (words := FIGURE_WITH_UNIT.sub("", waiting.why)) not in self._reported:
             self._report("waits", waiting.why)
             self._reported.add(words)
-        if now - self._since > self._seconds:
+        if waiting.for_good or now - self._since > self._seconds:
             sentence = (
                 f"{waiting.why}. The weld is halted {1e3 * along:.0f} mm along the seam; "
                 "when the way is clear, go on with tjscan tow run --resume DIR"
@@ -427,6 +430,9 @@ class StandstillWatch:
         if welder in self.stopped:
             why = _describe_fault(self._states[welder]) or "it does not move"
             return WaitingReason(f"the welder is stopped: {why}", device=True)
+        if self._reported.get(welder) == "moved":  # it would weld on where it is taken to be
+            _, words = describe_unexplained_way(estimate.estimates[welder])
+            return WaitingReason(f"the welder was moved {words}", for_good=True)
         if self.runaways:
             name = self._team.name_of(self.runaways[0])
             return WaitingReason(f"{name} does not follow its commands", device=True)

@@ -164,20 +164,18 @@ class LocalisationInputs:
     ----------
     vehicles : int
         How many it is to see.
-    seed : int, optional
+    seed : int
         Of a simulation's random numbers.
-    world : TowingWorld or None, optional
+    world : TowingWorld or None
         The world that a simulated one sees.
-    simulation : LocalisationSimulationSettings, optional
+    simulation : LocalisationSimulationSettings
         How that disturbs the poses.
     """
 
     vehicles: int
-    seed: int = 0
-    world: TowingWorld | None = None
-    simulation: LocalisationSimulationSettings = field(
-        default_factory=LocalisationSimulationSettings
-    )
+    seed: int
+    world: TowingWorld | None
+    simulation: LocalisationSimulationSettings
 
 
 LocalisationDriverFactory = DriverFactory[LocalisationInputs, Localisation]

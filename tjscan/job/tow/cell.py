@@ -260,15 +260,13 @@ def check_seam(
     _refuse_seam_beyond_cable(seam, job.chain.length, job.root.position)
     obstacles = fixed_obstacles(job)
     starts = planner.starts(seam.pose_at(along), obstacles) if last is None else [last]
-    farthest: SeamFeasibility | None = None
+    sweeps = list[SeamFeasibility]()
     for k, start in enumerate(starts):
         sweep = _plan_seam_from_start(start, planner, seam, along, obstacles)
-        if farthest is None or not sweep.why or sweep.reached > farthest.reached:
-            farthest = replace(sweep, chosen=k + 1, shapes=len(starts))
+        sweeps.append(replace(sweep, chosen=k + 1, shapes=len(starts)))
         if not sweep.why:
-            break
-    assert farthest is not None
-    return farthest
+            return sweeps[-1]
+    return max(sweeps, key=lambda sweep: sweep.reached)
 
 
 def _plan_seam_from_start(
@@ -293,7 +291,7 @@ def _plan_seam_from_start(
 
 def _refuse_seam_beyond_cable(seam: Seam, length: float, root: tuple[float, float]) -> None:
     along = np.unique(np.concatenate((seam.path.corners, np.arange(0, seam.length, SEAM_STEP))))
-    places = np.array([seam.path.point_at(s) for s in along])
+    places = seam.path.point_at(along)
     off = np.hypot(*(places - root).T)
     worst = int(np.argmax(off))
     if off[worst] > length:

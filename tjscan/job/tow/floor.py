@@ -158,7 +158,7 @@ def _can_vehicles_pass(floor: TowFloor, radius: float) -> bool:
     reached = places[np.isin(groups, groups[beside_root])]
     seam = Seam(floor.seam)
     samples = np.linspace(0, seam.length, 1 + int(seam.length / SEAM_SAMPLE_STEP))
-    points = shapely.points([seam.path.point_at(s) for s in samples])
+    points = shapely.points(seam.path.point_at(samples))
     is_beside = shapely.distance(reached[:, None], points) <= floor.pieces[-1]
     return bool(is_beside.any(axis=0).all())
 
@@ -180,8 +180,7 @@ def _farthest_outside(seam: Seam, inside: Any) -> tuple[float, float]:
     """Where along the seam it is farthest outside, and how far, metres."""
     corners = seam.path.corners
     along = np.unique(np.concatenate((corners, np.linspace(0, seam.length, 1001))))
-    places = np.array([seam.path.point_at(s) for s in along])
-    off = shapely.distance(shapely.points(places), inside)
+    off = shapely.distance(shapely.points(seam.path.point_at(along)), inside)
     worst = int(np.argmax(off))
     return float(along[worst]), float(off[worst])
 

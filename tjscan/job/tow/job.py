@@ -180,7 +180,6 @@ class TowJob(StrictFileModel):
             least_bend_radius=cable.least_radius,
             bending_stiffness=cable.stiffness,
             friction=cable.friction * cable.mass * cable.link * GRAVITY_ACCELERATION,
-            radius=cable.radius,
             root=self.root.pose,
         )
         if found is None:

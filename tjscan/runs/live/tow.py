@@ -26,7 +26,7 @@ from tjscan.live.step import STATE_FACT, Measure, Sample, SceneSetup, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.settings import Cylinder, Solid
-from tjscan.runs.tow.results import clearance_from_discs
+from tjscan.runs.tow.results import clearance_from_discs, vehicles_apart
 from tjscan.towing.journal import TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
 
@@ -151,23 +151,6 @@ class TowShow:
             samples=(Sample(truth.time - (self._began or 0.0), values),),
             events=[("touch", one) for one in truth.touches],
         )
-
-
-def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
-    """Least distance in metres between the rims of two vehicles, or of one and an obstacle.
-
-    Parameters
-    ----------
-    poses : ndarray, shape (vehicles, 3)
-    radius : float
-        Of each vehicle, metres.
-    discs : ndarray, shape (m, 3)
-        x, y and radius of the obstacles.
-    """
-    between = np.linalg.norm(poses[:, None, :2] - poses[None, :, :2], axis=2) - 2 * radius
-    np.fill_diagonal(between, np.inf)
-    aside = np.linalg.norm(poses[:, None, :2] - discs[None, :, :2], axis=2) - radius - discs[:, 2]
-    return float(min(between.min(initial=np.inf), aside.min(initial=np.inf)))
 
 
 def _lift_to_height(points: Array, height: float = DRAWN_CABLE_HEIGHT) -> Array:

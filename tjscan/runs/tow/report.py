@@ -22,7 +22,7 @@ from tjscan.result.chapter import (
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.results import (
     RecordedTow,
-    TowKeyFigures,
+    TowOutcome,
     clearance_from_discs,
     key_figures_in_words,
     read_recorded_tow,
@@ -64,27 +64,27 @@ def tow_chapter(directory: Path) -> ReportChapter:
         return ReportChapter()
     check_files_unaltered(directory / JOB_FILE)
     job, found = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory)
-    figures = found.figures(job)
-    if figures is None:
+    outcome = found.outcome(job)
+    if outcome is None:
         return ReportChapter(findings=("Nothing was towed.",), events=found.events)
     return ReportChapter(
-        facts=tuple(_tow_facts(job, figures)),
-        findings=tuple(_tow_findings(job, found, figures)),
+        facts=tuple(_tow_facts(job, outcome)),
+        findings=tuple(_tow_findings(job, found, outcome)),
         charts=tuple(_tow_charts(job, found)),
         events=found.events,
         animation=_cable_animation(job, found),
     )
 
 
-def _tow_facts(job: TowJob, figures: TowKeyFigures) -> Iterator[tuple[str, str]]:
+def _tow_facts(job: TowJob, outcome: TowOutcome) -> Iterator[tuple[str, str]]:
     seam = Seam(job.seam)
     yield "seam", f"{1e3 * seam.length:.0f} mm at {6e4 * job.seam.speed:g} mm/min"
     yield "cable", f"{job.cable.length:g} m in {job.cable.links} links"
     yield "vehicles", f"{job.vehicles.count} ({job.vehicles.driver}), method {job.method}"
-    yield from key_figures_in_words(figures.as_numbers)
+    yield from key_figures_in_words(outcome.figures)
 
 
-def _tow_findings(job: TowJob, found: RecordedTow, figures: TowKeyFigures) -> Iterator[str]:
+def _tow_findings(job: TowJob, found: RecordedTow, outcome: TowOutcome) -> Iterator[str]:
     if job.vehicles.driver == "simulated":
         yield "Simulated: no real vehicle towed this cable."
     for event in found.events:
@@ -96,13 +96,13 @@ def _tow_findings(job: TowJob, found: RecordedTow, figures: TowKeyFigures) -> It
     for (name, who), event in sorted(found_out.items(), key=lambda item: item[0][1]):
         if name in MISTRUSTED_EVENTS:
             yield f"{name.capitalize()}, {who}: {event.detail.partition(': ')[2]}."
-    if not figures.complete:
-        yield f"Only {figures.welded_mm:.0f} mm of the seam are welded."
-    if figures.touches:
-        yield f"Something was touched, {figures.touches} times."
-    if figures.bend_deg > np.degrees(job.chain.joint_limit):
+    if not outcome.complete:
+        yield f"Only {outcome.welded_mm:.0f} mm of the seam are welded."
+    if outcome.touches:
+        yield f"Something was touched, {outcome.touches} times."
+    if (outcome.bend_deg or 0.0) > np.degrees(job.chain.joint_limit):
         yield (
-            f"A joint was bent by {figures.bend_deg:.1f}°, beyond the "
+            f"A joint was bent by {outcome.bend_deg:.1f}°, beyond the "
             f"{np.degrees(job.chain.joint_limit):.1f}° of the cable."
         )
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -21,6 +21,7 @@ from tjscan.job.tow.job import TowJob
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.run import read_result_file, table_to_csv
+from tjscan.study.trial import RunOutcome
 from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
 
@@ -74,11 +75,12 @@ class RecordedTow:
         """Whether the whole seam was welded."""
         return any(event.name == WELDED_EVENT for event in self.events)
 
-    def figures(self, job: TowJob) -> TowKeyFigures | None:
-        """Figures of the tow; None if not even one cycle was recorded."""
+    def outcome(self, job: TowJob) -> TowOutcome | None:
+        """What came of the tow; None if not even one cycle was recorded."""
         if not self.cycles:
             return None
-        return key_figures_of_tow(job, self.cycles, self.truths, complete=self.complete)
+        ended = self.complete, "", ""  # events tell why
+        return outcome_of_tow(job, self.cycles, self.truths, ended)
 
 
 def read_recorded_tow(directory: Path) -> RecordedTow:
@@ -99,13 +101,13 @@ def write_tow_results(directory: Path, job: TowJob) -> None:
         If a file can't be written, or the recording is damaged.
     """
     recorded = read_recorded_tow(directory)
-    figures = recorded.figures(job)
+    outcome = recorded.outcome(job)
     truths = recorded.truths or [None] * len(recorded.cycles)
     rows = zip(recorded.cycles, truths, strict=True)
     table = table_to_csv(directory, PLAN_COLUMNS, rows)
     content = {
         "job": job_label_of_run(directory),
-        "figures": None if figures is None else figures.as_numbers,
+        "figures": None if outcome is None else outcome.figures,
         "events": [[event.name, event.detail] for event in recorded.events],
     }
     with write_files_atomically(directory) as draft:
@@ -130,18 +132,20 @@ def read_tow_key_figures(directory: Path) -> dict[str, Any]:
     )
 
 
-def _figure_field(words: str, unit: str = "", **more: Any) -> Any:
-    return field(metadata={"words": (words, unit)}, **more)
+def _figure_field(words: str, unit: str = "") -> Any:
+    return field(default=None, metadata={"words": (words, unit)})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TowKeyFigures:
-    """Figures of a tow. Figures of a simulation's truth are NaN without one.
+@dataclass(frozen=True, slots=True)
+class TowOutcome(RunOutcome):
+    """What came of a tow: why it ended, and figures; None without what they are of.
+
+    Those from `bend_deg` on are of a simulation's truth.
 
     Parameters
     ----------
-    complete : bool
-        Whether the whole seam was welded.
+    complete, reason, detail
+        As in `RunOutcome`; complete is a tow that welded the whole seam.
     welded_mm : float
         Of the seam.
     seconds, waited_s : float
@@ -185,41 +189,42 @@ class TowKeyFigures:
         How often something touched.
     """
 
-    complete: bool = _figure_field("whole seam welded")
-    welded_mm: float = _figure_field("seam welded", "mm")
-    seconds: float = _figure_field("time", "s")
-    waited_s: float = _figure_field("of it waiting", "s")
-    plan_hz: float = _figure_field("plans, mean rate", "Hz")
-    plan_p99_ms: float = _figure_field("a plan's time, 99 %", "ms")
-    real_time_factor: float = _figure_field("real-time factor")
-    objective: float = _figure_field("objective f, mean of 100")
-    objective_max: float = _figure_field("objective f, largest")
-    constraint: float = _figure_field("constraint, largest residual")
-    halts: int = _figure_field("cycles without a plan")
-    asked_mm_s: float = _figure_field("towing speed asked, fastest", "mm/s")
-    planned_bend_deg: float = _figure_field("joint angle planned, largest", "°")
-    bend_deg: float = _figure_field("joint angle, largest", "°", default=nan)
-    force_mean_n: float = _figure_field("force on the welder, mean", "N", default=nan)
-    force_max_n: float = _figure_field("force on the welder, largest", "N", default=nan)
-    pull_max_n: float = _figure_field("pull of a vehicle, largest", "N", default=nan)
-    welder_off_mm: float = _figure_field("welder off its line, largest", "mm", default=nan)
-    welder_late_mm: float = _figure_field("welder along its line, largest", "mm", default=nan)
-    followed_mm: float = _figure_field("vehicles off their poses, mean", "mm", default=nan)
-    estimate_deg: float = _figure_field("estimate of a joint, mean error", "°", default=nan)
-    estimate_mm: float = _figure_field("estimate of a link, mean error", "mm", default=nan)
-    link_clearance_mm: float = _figure_field("clearance of links, least", "mm", default=nan)
-    body_clearance_mm: float = _figure_field("clearance of bodies, least", "mm", default=nan)
-    passer_by_mm: float = _figure_field("distance to what moves, least", "mm", default=nan)
-    vehicle_gap_mm: float = _figure_field("gap between vehicles, least", "mm", default=nan)
-    touches: int | None = _figure_field("touches", default=None)
+    welded_mm: float | None = _figure_field("seam welded", "mm")
+    seconds: float | None = _figure_field("time", "s")
+    waited_s: float | None = _figure_field("of it waiting", "s")
+    plan_hz: float | None = _figure_field("plans, mean rate", "Hz")
+    plan_p99_ms: float | None = _figure_field("a plan's time, 99 %", "ms")
+    real_time_factor: float | None = _figure_field("real-time factor")
+    objective: float | None = _figure_field("objective f, mean of 100")
+    objective_max: float | None = _figure_field("objective f, largest")
+    constraint: float | None = _figure_field("constraint, largest residual")
+    halts: int | None = _figure_field("cycles without a plan")
+    asked_mm_s: float | None = _figure_field("towing speed asked, fastest", "mm/s")
+    planned_bend_deg: float | None = _figure_field("joint angle planned, largest", "°")
+    bend_deg: float | None = _figure_field("joint angle, largest", "°")
+    force_mean_n: float | None = _figure_field("force on the welder, mean", "N")
+    force_max_n: float | None = _figure_field("force on the welder, largest", "N")
+    pull_max_n: float | None = _figure_field("pull of a vehicle, largest", "N")
+    welder_off_mm: float | None = _figure_field("welder off its line, largest", "mm")
+    welder_late_mm: float | None = _figure_field("welder along its line, largest", "mm")
+    followed_mm: float | None = _figure_field("vehicles off their poses, mean", "mm")
+    estimate_deg: float | None = _figure_field("estimate of a joint, mean error", "°")
+    estimate_mm: float | None = _figure_field("estimate of a link, mean error", "mm")
+    link_clearance_mm: float | None = _figure_field("clearance of links, least", "mm")
+    body_clearance_mm: float | None = _figure_field("clearance of bodies, least", "mm")
+    passer_by_mm: float | None = _figure_field("distance to what moves, least", "mm")
+    vehicle_gap_mm: float | None = _figure_field("gap between vehicles, least", "mm")
+    touches: int | None = _figure_field("touches")
 
     @property
-    def as_numbers(self) -> dict[str, float | int | bool | None]:
-        """Each figure by its name, None if it is not known."""
-        return {k: None if isinstance(v, float) and v != v else v for k, v in asdict(self).items()}
+    def figures(self) -> dict[str, float | int | bool | None]:
+        """Each figure by its name, and whether the seam is complete."""
+        return {name: getattr(self, name) for name in KEY_FIGURE_LABELS}
 
 
-KEY_FIGURE_LABELS: Final = {one.name: one.metadata["words"] for one in fields(TowKeyFigures)}
+KEY_FIGURE_LABELS: Final = {"complete": ("whole seam welded", "")} | {
+    one.name: one.metadata["words"] for one in fields(TowOutcome) if one.metadata
+}
 """What each figure is, in words, and its unit."""
 
 
@@ -232,10 +237,13 @@ def key_figures_in_words(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]
             yield words, f"{text} {unit}".strip()
 
 
-def key_figures_of_tow(
-    job: TowJob, cycles: Sequence[TowCycle], truths: Sequence[TowTruth], *, complete: bool
-) -> TowKeyFigures:
-    """Figures of a tow from what was recorded of it; one cycle at least.
+def outcome_of_tow(
+    job: TowJob,
+    cycles: Sequence[TowCycle],
+    truths: Sequence[TowTruth],
+    ended: tuple[bool, str, str],
+) -> TowOutcome:
+    """What came of a tow, from what was recorded of it; one cycle at least.
 
     Parameters
     ----------
@@ -243,8 +251,8 @@ def key_figures_of_tow(
     cycles : sequence of TowCycle
     truths : sequence of TowTruth
         One for each cycle, or none.
-    complete : bool
-        Whether the whole seam was welded.
+    ended : tuple of (bool, str, str)
+        Whether it is complete, the reason and the detail of a `TowOutcome`.
     """
     elapsed = cycles[-1].time - cycles[0].time
     seconds = np.array([cycle.seconds for cycle in cycles])
@@ -253,23 +261,23 @@ def key_figures_of_tow(
     bends = [np.abs(plan.angles).max() for plan in plans]
     # A part's processor time begins at zero.
     host = sum(b.host - (a.host if a.host <= b.host else 0.0) for a, b in pairwise(cycles))
-    known = {} if not truths else _figures_against_truth(job, cycles, truths)
-    return TowKeyFigures(
-        complete=complete,
-        welded_mm=1e3 * cycles[-1].along,
-        seconds=elapsed,
-        waited_s=float(sum(b.time - a.time for a, b in pairwise(cycles) if not b.pace)),
-        plan_hz=float(1 / seconds.mean()),
-        plan_p99_ms=float(1e3 * np.percentile(seconds, 99)),
-        real_time_factor=elapsed / host if host else nan,
-        objective=float(terms.mean()),
-        objective_max=float(terms.max()),
-        constraint=float(max((plan.constraint for plan in plans), default=nan)),
-        halts=len(cycles) - len(plans),
-        asked_mm_s=max(map(fastest_asked_mm_s, cycles)),
-        planned_bend_deg=float(np.degrees(max(bends, default=nan))),
-        **known,
-    )
+    found = {
+        "welded_mm": 1e3 * cycles[-1].along,
+        "seconds": elapsed,
+        "waited_s": float(sum(b.time - a.time for a, b in pairwise(cycles) if not b.pace)),
+        "plan_hz": float(1 / seconds.mean()),
+        "plan_p99_ms": float(1e3 * np.percentile(seconds, 99)),
+        "real_time_factor": elapsed / host if host else nan,
+        "objective": float(terms.mean()),
+        "objective_max": float(terms.max()),
+        "constraint": float(max((plan.constraint for plan in plans), default=nan)),
+        "halts": len(cycles) - len(plans),
+        "asked_mm_s": max(map(fastest_asked_mm_s, cycles)),
+        "planned_bend_deg": float(np.degrees(max(bends, default=nan))),
+    }
+    found |= _figures_against_truth(job, cycles, truths) if truths else {}
+    known: dict[str, Any] = {name: value for name, value in found.items() if value == value}
+    return TowOutcome(*ended, **known)
 
 
 def _figures_against_truth(
@@ -287,9 +295,8 @@ def _figures_against_truth(
     off, late = _welder_off_its_line(Seam(job.seam), cycles, poses)
     targets = np.array([cycle.targets for cycle in cycles])[:-1, :-1, :2]
     followed = np.linalg.norm(poses[1:, :-1, :2] - targets, axis=-1)
-    gaps = np.linalg.norm(poses[:, :, None, :2] - poses[:, None, :, :2], axis=-1)
-    gaps[:, *np.diag_indices(gaps.shape[1])] = np.inf
     link, body = _clearances_from_solids(job, line, poses)
+    radius, none = job.vehicles.radius, np.zeros((0, 3))
     passers = [_passer_by_clearance(job, truth) for truth in truths if len(truth.passers_by)]
     return {
         "bend_deg": float(np.degrees(np.abs(angles).max())),
@@ -304,7 +311,7 @@ def _figures_against_truth(
         "link_clearance_mm": 1e3 * link,
         "body_clearance_mm": 1e3 * body,
         "passer_by_mm": 1e3 * min(passers, default=nan),
-        "vehicle_gap_mm": float(1e3 * (gaps.min() - 2 * job.vehicles.radius)),
+        "vehicle_gap_mm": 1e3 * min(vehicles_apart(each, radius, none) for each in poses),
         "touches": sum(len(truth.touches) for truth in truths),
     }
 
@@ -313,18 +320,14 @@ def _welder_off_its_line(
     seam: Seam, cycles: Sequence[TowCycle], poses: Array
 ) -> tuple[float, float]:
     """Largest distance of the welder from its line, and along it, metres."""
-    across, along = [0.0], [0.0]
-    for before, pose in zip(cycles, poses[1:, -1], strict=False):
-        target = seam.pose_at(before.along)
-        way = seam.pose_at(before.along + 1e-3)[:2] - seam.pose_at(before.along - 1e-3)[:2]
-        if not way.any():
-            across.append(float(np.hypot(*(pose - target)[:2])))
-            continue
-        x, y = way / np.hypot(*way)
-        dx, dy = (pose - target)[:2]
-        across.append(abs(float(x * dy - y * dx)))
-        along.append(abs(float(x * dx + y * dy)))
-    return max(across), max(along)
+    along, point_at = np.array([cycle.along for cycle in cycles[:-1]]), seam.path.point_at
+    off = poses[1:, -1, :2] - point_at(along)
+    if not seam.length:
+        return float(np.hypot(*off.T).max(initial=0.0)), 0.0
+    ways = point_at(along + 1e-3) - point_at(along - 1e-3)
+    (x, y), (dx, dy) = (ways / np.hypot(*ways.T)[:, None]).T, off.T
+    across, ahead = np.abs(x * dy - y * dx), np.abs(x * dx + y * dy)
+    return float(across.max(initial=0.0)), float(ahead.max(initial=0.0))
 
 
 def _clearances_from_solids(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
@@ -344,6 +347,23 @@ def clearance_from_discs(line: Array, discs: Array) -> float:
     """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
     apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2) - discs[:, 2]
     return float(apart.min())
+
+
+def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
+    """Least distance in metres between the rims of two vehicles, or of one and an obstacle.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (vehicles, 3)
+    radius : float
+        Of each vehicle, metres.
+    discs : ndarray, shape (m, 3)
+        x, y and radius of the obstacles.
+    """
+    between = np.linalg.norm(poses[:, None, :2] - poses[None, :, :2], axis=2) - 2 * radius
+    np.fill_diagonal(between, np.inf)
+    aside = np.linalg.norm(poses[:, None, :2] - discs[None, :, :2], axis=2) - radius - discs[:, 2]
+    return float(min(between.min(initial=np.inf), aside.min(initial=np.inf)))
 
 
 def _passer_by_clearance(job: TowJob, truth: TowTruth) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,44 +11,12 @@ from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError, TowHalted, VehicleFault
 from tjscan.job.tow.cell import check_seam, make_shape_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.runs.tow.results import key_figures_of_tow
+from tjscan.runs.tow.results import TowOutcome, outcome_of_tow
 from tjscan.runs.tow.run import make_tow
 from tjscan.study import trial
 from tjscan.towing.journal import TowCycle, TowTruth
 
-
-@dataclass(frozen=True, slots=True)
-class TowOutcome(trial.RunOutcome):
-    """Outcome of one tow of a study: the figures of `TowKeyFigures`, None if not known.
-
-    Parameters
-    ----------
-    complete, reason, detail
-        As in `RunOutcome`; complete is a tow that welded the whole seam.
-    """
-
-    welded_mm: float | None = None
-    seconds: float | None = None
-    waited_s: float | None = None
-    plan_hz: float | None = None
-    real_time_factor: float | None = None
-    objective: float | None = None
-    objective_max: float | None = None
-    constraint: float | None = None
-    halts: int | None = None
-    asked_mm_s: float | None = None
-    bend_deg: float | None = None
-    force_mean_n: float | None = None
-    force_max_n: float | None = None
-    welder_off_mm: float | None = None
-    followed_mm: float | None = None
-    estimate_deg: float | None = None
-    estimate_mm: float | None = None
-    link_clearance_mm: float | None = None
-    body_clearance_mm: float | None = None
-    passer_by_mm: float | None = None
-    vehicle_gap_mm: float | None = None
-    touches: int | None = None
+__all__ = ["TOW_STUDY", "InMemoryTowJournal", "TowOutcome", "tow_for_study"]
 
 
 class InMemoryTowJournal:
@@ -100,9 +67,7 @@ def tow_for_study(job: TowJob) -> TowOutcome:
         ended = False, type(error).__name__, str(error)
     if not keeper.cycles:
         return TowOutcome(*ended)
-    found = key_figures_of_tow(job, keeper.cycles, keeper.truths, complete=ended[0]).as_numbers
-    wanted = {field.name for field in fields(TowOutcome)} - {"complete", "reason", "detail"}
-    return TowOutcome(*ended, **{k: found[k] for k in wanted})  # type: ignore[arg-type]
+    return outcome_of_tow(job, keeper.cycles, keeper.truths, ended)
 
 
 class TowStudyBackend(trial.StudyBackend[TowOutcome]):

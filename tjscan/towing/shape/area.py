@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array, readonly_copy
+
+LOOK_AHEAD: Final = 1.0
+"""Seconds of an obstacle's way, and of the welder's, that are to be free: delay of the poses, a
+period of the loop, and the time in which vehicles stop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,11 +28,6 @@ class Floor:
         Corners in order, metres, either way round; the first is not repeated.
     pillars : tuple of ndarray, shape (m, 2)
         Corners of what is on the floor.
-
-    Raises
-    ------
-    ValueError
-        Fewer than three corners, or corners that are no numbers.
     """
 
     outline: Array
@@ -146,10 +145,6 @@ def _inward_normal(a: Array, b: Array) -> Array:
 def _ordered_corners(corners: ArrayLike) -> Array:
     """Read-only copy in counter-clockwise order."""
     points = readonly_copy(corners)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
-        raise ValueError("a polygon needs three corners or more, of x and y each")
-    if not np.isfinite(points).all():
-        raise ValueError("a polygon's corners must be numbers")
     x, y = points.T
     clockwise = float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0
     return readonly_copy(points[::-1]) if clockwise else points

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from math import asin, inf, isfinite
+from math import asin, inf
 
 import numpy as np
 
@@ -32,8 +31,6 @@ class Cable:
         Of a joint, N m/rad: k.
     friction : float
         Force with which the floor holds a link that slides, newton: μ m g.
-    radius : float
-        Of the cable itself, metres: r.
     root : tuple of float
         x and y, metres, and the direction of the first link at a first joint of no angle, radians.
     rest_angle : float
@@ -41,11 +38,6 @@ class Cable:
     friction_doubt : float
         Share by which friction over stiffness may differ: floors differ by half (table I has one
         figure), and cables stiffen as they cool.
-
-    Raises
-    ------
-    ValueError
-        A size that no cable has.
     """
 
     links: int = 60
@@ -53,20 +45,9 @@ class Cable:
     least_bend_radius: float = 0.133
     bending_stiffness: float = 1.7
     friction: float = 0.87 * 0.10 * 9.81
-    radius: float = 8.5e-3
     root: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rest_angle: float = 0.0
     friction_doubt: float = 0.5
-
-    def __post_init__(self) -> None:
-        sizes = (self.link_length, self.least_bend_radius, self.bending_stiffness)
-        if self.links < 2 or not all(isfinite(size) and size > 0 for size in sizes):
-            raise ValueError("a cable needs two links, and length, bend radius, stiffness above 0")
-        if self.least_bend_radius < self.link_length / 2:
-            raise ValueError(
-                f"links of {self.link_length:g} m can't show a bend radius of "
-                f"{self.least_bend_radius:g} m: take links of at most twice that radius"
-            )
 
     @property
     def length(self) -> float:
@@ -167,22 +148,12 @@ class TowingTeam:
         Of a towing vehicle, m/s.
     force : float
         With which a vehicle can pull at most, newton.
-
-    Raises
-    ------
-    ValueError
-        Links that do not rise.
     """
 
     held_links: tuple[int, ...] = equally_spaced_links(60, 6)
     body_radius: float = 0.15
     top_speed: float = 0.1
     force: float = inf
-
-    def __post_init__(self) -> None:
-        held = self.held_links
-        if not held or held[0] < 0 or any(b <= a for a, b in pairwise(held)):
-            raise ValueError(f"held links must rise from 0 or more: {held}")
 
     @property
     def welder(self) -> int:

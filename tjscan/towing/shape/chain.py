@@ -1,4 +1,4 @@
-"""From what each joint and each link contributes to derivatives by the angles, in O(N²).
+"""From what each joint and each link contributes to derivatives by the angles.
 
 Every term of the problems is a function of one joint's angle, one link's position or one link's
 heading. Positions follow from all headings before, so that sums over the links beyond are all that
@@ -64,7 +64,6 @@ def chain_gradient(parts: ChainDerivatives, links: Array, length: float, gradien
         gradient[i] = joint[i, 0] + by_heading
 
 
-@compiled
 def chain_hessian(parts: ChainDerivatives, links: Array, length: float, hessian: Array) -> None:
     """Hessian by the angles, shape (N, N); both triangles are filled.
 
@@ -72,32 +71,13 @@ def chain_hessian(parts: ChainDerivatives, links: Array, length: float, hessian:
     l² n_j' T_k n_k, and j = k loses l u_j' S_j too, S and T being sums over the links from k on of
     gradients and Hessians by position. Sums over rows and columns turn headings into angles.
     """
-    joint, point, turn = parts
-    n = len(joint)
-    sx, sy, txx, txy, tyy = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(n - 1, -1, -1):
-        sx += point[k, 0]
-        sy += point[k, 1]
-        txx += point[k, 2]
-        txy += point[k, 3]
-        tyy += point[k, 4]
-        c, s = links[k, 3], links[k, 4]
-        vx = length * length * (txy * c - txx * s)
-        vy = length * length * (tyy * c - txy * s)
-        for j in range(k + 1):
-            hessian[k, j] = links[j, 3] * vy - links[j, 4] * vx
-        hessian[k, k] += turn[k, 1] - length * (c * sx + s * sy)
-    for k in range(n):
-        for j in range(k):
-            hessian[j, k] = hessian[k, j]
-    for k in range(n - 2, -1, -1):
-        for j in range(n):
-            hessian[k, j] += hessian[k + 1, j]
-    for k in range(n):
-        for j in range(n - 2, -1, -1):
-            hessian[k, j] += hessian[k, j + 1]
-    for k in range(n):
-        hessian[k, k] += joint[k, 1]
+    sx, sy, xx, xy, yy = np.cumsum(parts.point[::-1], axis=0)[::-1].T
+    c, s = links[:, 3], links[:, 4]
+    by_heading = np.tril(np.outer(xy * c - xx * s, -s) + np.outer(yy * c - xy * s, c))
+    by_heading = length**2 * (by_heading + np.tril(by_heading, -1).T)
+    by_heading += np.diag(parts.turn[:, 1] - length * (c * sx + s * sy))
+    by_angle = by_heading[::-1, ::-1].cumsum(axis=0).cumsum(axis=1)[::-1, ::-1]
+    hessian[:] = by_angle + np.diag(parts.joint[:, 1])
 
 
 HessianSums = tuple[float, float, float, float, float, float, float, float]
@@ -139,9 +119,7 @@ def chain_hessian_diagonal(
 
 @compiled
 def link_motion_by_joint(i: int, k: int, links: Array, root: Array) -> tuple[float, float]:
-    """How the end of link k goes as joint i turns."""
-    if i > k:
-        return 0.0, 0.0
+    """How the end of link k goes as joint i turns, which is not beyond it."""
     x, y = (root[0], root[1]) if i == 0 else (links[i - 1, 0], links[i - 1, 1])
     return y - links[k, 1], links[k, 0] - x
 
@@ -157,15 +135,12 @@ def pose_constraints(
     links: Array, root: Array, fixed: Indices, poses: Array, c: Array, rows: Array
 ) -> None:
     """(10)-(12) for links that must have a pose: how far off, and the derivative by the angles."""
-    n = len(links)
+    rows[:] = 0.0
     for e in range(len(fixed)):
         k = fixed[e]
         c[3 * e] = links[k, 0] - poses[e, 0]
         c[3 * e + 1] = links[k, 1] - poses[e, 1]
         c[3 * e + 2] = angle_within_pi(links[k, 2] - poses[e, 2])
-        for i in range(n):
-            x, y = (root[0], root[1]) if i == 0 else (links[i - 1, 0], links[i - 1, 1])
-            within = 1.0 if i <= k else 0.0
-            rows[3 * e, i] = within * (y - links[k, 1])
-            rows[3 * e + 1, i] = within * (links[k, 0] - x)
-            rows[3 * e + 2, i] = within
+        for i in range(k + 1):
+            way = link_motion_by_joint(i, k, links, root)
+            rows[3 * e, i], rows[3 * e + 1, i], rows[3 * e + 2, i] = way[0], way[1], 1.0

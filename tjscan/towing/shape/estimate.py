@@ -9,7 +9,7 @@ what it was bent to on its way.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import radians, sqrt
 from typing import Final, NamedTuple
 
@@ -31,14 +31,8 @@ LEAST_HESSIAN_SHIFT: Final = 0.1
 """Share of a joint's stiffness that is added first if the energy is not convex. Poses are held
 1e8 times as stiffly as joints: a share of that would freeze the shape, and end the search."""
 
-MOST_WARM_ITERATIONS: Final = 60
-"""Iterations at most of a search from the estimate before; fewer than ten are usual."""
-
-MOST_COLD_ITERATIONS: Final = 10 * MOST_WARM_ITERATIONS
-"""The same of a search that knows no shape before."""
-
-TRIED_BULGES: Final = (-0.3, 0.0, 0.3)
-"""Sideways, in chords between vehicles, of the shapes where such a search begins."""
+MOST_ITERATIONS: Final = 60
+"""Of a search at most; fewer than ten are usual."""
 
 PULL_RELIEF_TIME: Final = 0.2
 """Seconds over which the vehicle gives way to the whole of the force. Quicker, and it would go
@@ -148,41 +142,32 @@ def cable_energy(
 
 
 @compiled
-def minimise_cable_energy(angles: Array, problem: EstimateArrays, most: int) -> float:
-    """Shape of least energy near the vehicles' poses, in place; returns the energy."""
+def minimise_cable_energy(angles: Array, problem: EstimateArrays) -> None:
+    """Shape of least energy near the vehicles' poses, in place."""
     n = len(angles)
     links, parts = np.empty((n, 5)), chain.new_chain_derivatives(n)
-    gradient, step, trial = np.empty(n), np.empty(n), np.empty(n)
-    factor = np.empty((n, 6))
+    gradient, factor = np.empty(n), np.empty((n, 6))
     place_links(angles, problem.root, problem.length, links)
     energy, shift = cable_energy(angles, problem, links, parts), 0.0
-    for _ in range(most):
+    for _ in range(MOST_ITERATIONS):
         chain.chain_gradient(parts, links, problem.length, gradient)
         shift = factorise_convex(parts, links, problem.length, shift, factor, LEAST_HESSIAN_SHIFT)
-        step[:] = -gradient
+        step = -gradient
         back_substitute(factor, step)
-        slope, longest = 0.0, 0.0
-        for i in range(n):
-            slope += gradient[i] * step[i]
-            longest = max(longest, abs(step[i]))
-        share = min(1.0, 0.5 / max(longest, 1e-300))
-        after, better = energy, False
+        slope = gradient @ step
+        share = min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
         for _ in range(30):
-            for i in range(n):
-                trial[i] = angles[i] + share * step[i]
+            trial = angles + share * step
             place_links(trial, problem.root, problem.length, links)
             after = cable_energy(trial, problem, links, parts)
             if after <= energy + 1e-4 * share * slope + 1e-12 * abs(energy):
-                better = True
                 break
             share *= 0.5
-        if not better:
-            break
-        angles[:] = trial
-        energy = after
+        else:
+            return
+        angles[:], energy = trial, after
         if -slope < 1e-8 * (1.0 + energy):
-            break
-    return energy
+            return
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,106 +189,6 @@ class CableEstimate:
     def without_floor_pull(cable: Cable, angles: Array) -> CableEstimate:
         """A cable that was laid down so: the floor does not yet pull at it."""
         return CableEstimate(angles, cable.poses(angles)[:, :2].copy())
-
-
-def estimate_shape(
-    cable: Cable,
-    held_links: Sequence[int],
-    poses: Array,
-    *,
-    last: CableEstimate | None = None,
-    trust: PoseAccuracy | None = None,
-) -> CableEstimate:
-    """Shape of the cable between vehicles at these poses.
-
-    The links between were moved from where they were by least work, of bends and friction: that is
-    Coulomb's, for a floor that gives way by `PRESLIDING_DISPLACEMENT` first. So its holding force
-    lasts from one estimate to the next, however little a link moves.
-
-    Parameters
-    ----------
-    cable : Cable
-    held_links : sequence of int
-        Of the vehicles, which carry these links off the floor.
-    poses : ndarray, shape (vehicles, 3)
-        Of the held links: x, y, metres, and heading, radians; rows of NaN are unknown.
-    last : CableEstimate, optional
-        The estimate before. Without, the floor is left out.
-    trust : PoseAccuracy, optional
-    """
-    problem = energy_problem_arrays(cable, held_links, poses, trust or PoseAccuracy(), last)
-    if last is None:
-        starts, most = _guess_shapes(cable, problem.held, problem.poses), MOST_COLD_ITERATIONS
-    else:
-        starts, most = [last.angles], MOST_WARM_ITERATIONS
-    best, least = np.zeros(cable.links), np.inf
-    for start in starts:
-        angles = np.array(start, dtype=float)
-        energy = minimise_cable_energy(angles, problem, most)
-        if energy < least:
-            best, least = angles, energy
-    if last is None:
-        return CableEstimate.without_floor_pull(cable, best)
-    places = cable.poses(best)[:, :2]
-    off = places - last.rest
-    far = np.hypot(off[:, 0], off[:, 1])[:, None]
-    held_back = off * np.minimum(1.0, PRESLIDING_DISPLACEMENT / np.maximum(far, 1e-300))
-    return CableEstimate(best, places - held_back)
-
-
-def energy_problem_arrays(
-    cable: Cable,
-    held_links: Sequence[int],
-    poses: Array,
-    trust: PoseAccuracy,
-    last: CableEstimate | None,
-) -> EstimateArrays:
-    """The problem of vehicles at these poses; without an estimate before, the floor is left out."""
-    known = np.isfinite(poses).all(axis=1)
-    if last is None:
-        rest, slide = np.zeros((cable.links, 2)), np.zeros(cable.links)
-    else:
-        # Half of the link on either side carries weight, unless a vehicle holds the link.
-        on_floor = np.ones(cable.links + 1)
-        on_floor[list(held_links)] = on_floor[-1] = 0.0
-        halves = (on_floor[:-1] + on_floor[1:]) / 2
-        rest, slide = last.rest.copy(), halves * cable.friction / cable.bending_stiffness
-    return EstimateArrays(
-        np.array(cable.root, dtype=float),
-        cable.link_length,
-        np.array(held_links, dtype=np.int64)[known],
-        np.array(poses[known], dtype=float),
-        np.tile((trust.position_sd**-2, trust.heading_sd**-2), (int(known.sum()), 1)),
-        rest,
-        slide,
-        cable.rest_angle,
-    )
-
-
-def _guess_shapes(cable: Cable, held: Indices, poses: Array) -> list[Array]:
-    """Shapes through the poses as cubic curves, with bulges to either side."""
-    knots = np.vstack((np.array(cable.root), poses))
-    guesses = []
-    for bulge in TRIED_BULGES:
-        headings = np.empty(cable.links)
-        first = 0
-        for a, b, link in zip(knots, knots[1:], held, strict=False):
-            t = (np.arange(first, link + 1) - first + 0.5) / (link + 1 - first)
-            chord = b[:2] - a[:2]
-            size = cable.link_length * (link + 1 - first)
-            aside = bulge * np.array((-chord[1], chord[0]))
-            tangent = [size * np.array((np.cos(k[2]), np.sin(k[2]))) for k in (a, b)]
-            slope = (
-                np.outer(6 * t - 6 * t**2, chord)
-                + np.outer(1 - 4 * t + 3 * t**2, tangent[0])
-                + np.outer(3 * t**2 - 2 * t, tangent[1])
-                + np.outer(np.pi * np.cos(np.pi * t), aside)
-            )
-            headings[first : link + 1] = np.arctan2(slope[:, 1], slope[:, 0])
-            first = link + 1
-        headings[first:] = headings[first - 1] if first else cable.root[2]
-        guesses.append(cable.angles(np.unwrap(np.concatenate(([cable.root[2]], headings)))[1:]))
-    return guesses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -329,10 +214,6 @@ class CablePull:
     link: int
     place: Array
     doubt: float
-
-    def moved(self, way: Array) -> CablePull:
-        """The same, once the welder has gone on by a way, metres, shape (2,)."""
-        return replace(self, place=self.place + way)
 
     def cost(self, weight: float, target: float, period: float) -> Array:
         """What another place of the vehicle costs, to second order, shape (9,).
@@ -371,55 +252,6 @@ class CablePull:
         return np.array((PULL_TERM_INDEX, *self.place, at, *gradient, *second))
 
 
-def pull_on_welder(
-    cable: Cable, held_links: Sequence[int], now: CableEstimate, poses: Array, trust: PoseAccuracy
-) -> CablePull | None:
-    """The cable's pull at the welder; None if its pose or the one of the vehicle before is unknown.
-
-    The force is what holds the last of the estimated links at its pose, so that of bends and
-    friction together.
-    """
-    if len(held_links) < 2 or not np.isfinite(poses[-2:]).all():
-        return None
-    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    ways, turns, _ = _turns_by_poses(now.angles, problem)
-    by_place = problem.stiff[-1, 0] * problem.stiff[-2, 0]
-    stiffness = cable.bending_stiffness * by_place * ways[-3:-1] @ turns[-6:-4].T
-    places = cable.poses(now.angles)[:, :2]
-    force = cable.bending_stiffness / trust.position_sd**2 * (places[-1] - poses[-1, :2])
-    link = held_links[-2]
-    return CablePull(force, stiffness, link, places[link], trust.position_sd)
-
-
-def angle_deviations(
-    cable: Cable,
-    held_links: Sequence[int],
-    now: CableEstimate,
-    poses: Array,
-    trust: PoseAccuracy,
-    sigmas: Array | None = None,
-) -> Array:
-    """Standard deviations of the estimated joint angles, radians, shape (N,).
-
-    Of the poses' errors, and of a floor that holds the cable more or less, by the cable's
-    `friction_doubt`, each with what it turns the joints by at the least energy; and of the model.
-
-    Parameters
-    ----------
-    cable, held_links, poses, trust
-        As of `estimate_shape`.
-    now : CableEstimate
-    sigmas : ndarray, shape (vehicles, 2), optional
-        As of `PlanInputs`.
-    """
-    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    _, turns, by_floor = _turns_by_poses(now.angles, problem)
-    errors = 1 / np.sqrt(problem.stiff) if sigmas is None else sigmas
-    weights = (problem.stiff * errors)[:, (0, 0, 1)].reshape(-1, 1)
-    doubts = np.vstack((weights * turns, cable.friction_doubt * by_floor))
-    return np.asarray(np.sqrt((doubts**2).sum(axis=0) + LEAST_ANGLE_DEVIATION**2))
-
-
 @compiled
 def _turns_by_poses(angles: Array, problem: EstimateArrays) -> tuple[Array, Array, Array]:
     """How x, y and heading of held links move with the angles of least energy, shape (3 M, N).
@@ -429,18 +261,16 @@ def _turns_by_poses(angles: Array, problem: EstimateArrays) -> tuple[Array, Arra
     """
     n, root, stiff, held = len(angles), problem.root, problem.stiff, problem.held
     links, parts = np.empty((n, 5)), chain.new_chain_derivatives(n)
-    factor, ways, by_floor = np.empty((n, 6)), np.zeros((3 * len(held), n)), np.empty(n)
+    factor, by_floor = np.empty((n, 6)), np.empty(n)
+    off, ways = np.empty(3 * len(held)), np.empty((3 * len(held), n))
     place_links(angles, root, problem.length, links)
     cable_energy(angles, problem, links, parts)
     factorise_convex(parts, links, problem.length, 0.0, factor, LEAST_HESSIAN_SHIFT)
+    chain.pose_constraints(links, root, held, problem.poses, off, ways)
     for m in range(len(held)):
-        k = held[m]
-        for i in range(k + 1):
-            way = chain.link_motion_by_joint(i, k, links, root)
-            ways[3 * m, i], ways[3 * m + 1, i], ways[3 * m + 2, i] = way[0], way[1], 1.0
         # What is left of the forces without those that hold the links is the floor's.
-        parts.point[k, 0] -= stiff[m, 0] * (links[k, 0] - problem.poses[m, 0])
-        parts.point[k, 1] -= stiff[m, 0] * (links[k, 1] - problem.poses[m, 1])
+        parts.point[held[m], 0] -= stiff[m, 0] * off[3 * m]
+        parts.point[held[m], 1] -= stiff[m, 0] * off[3 * m + 1]
     parts.joint[:, 0] = 0.0
     parts.turn[:, 0] = 0.0
     chain.chain_gradient(parts, links, problem.length, by_floor)
@@ -450,31 +280,113 @@ def _turns_by_poses(angles: Array, problem: EstimateArrays) -> tuple[Array, Arra
     return ways, turns, by_floor
 
 
-def cable_forces(
-    cable: Cable, held_links: Sequence[int], now: CableEstimate, poses: Array, trust: PoseAccuracy
-) -> tuple[Array, Array]:
-    """Forces of the cable on the vehicles, and the tension along it.
-
-    Quasi-static: what holds the estimated links at the vehicles' poses balances bends and floor.
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldCable:
+    """A cable between vehicles at their poses: its shape, its forces, and how sure they are.
 
     Parameters
     ----------
-    cable, held_links, poses, trust
-        As of `estimate_shape`.
-    now : CableEstimate
-
-    Returns
-    -------
-    forces : ndarray, shape (vehicles, 2)
-        Along x and y, newton; NaN for a vehicle with an unknown pose.
-    tension : ndarray, shape (N,)
-        In each link, newton; negative if it is pushed together.
+    cable : Cable
+    links : sequence of int
+        Of the vehicles, which carry these links off the floor.
+    poses : ndarray, shape (vehicles, 3)
+        Of the held links: x, y, metres, and heading, radians; rows of NaN are unknown.
+    trust : PoseAccuracy
     """
-    problem = energy_problem_arrays(cable, held_links, poses, trust, now)
-    links, parts = np.empty((cable.links, 5)), chain.new_chain_derivatives(cable.links)
-    place_links(now.angles, problem.root, problem.length, links)
-    cable_energy(now.angles, problem, links, parts)
-    inner = np.cumsum(parts.point[::-1, :2], axis=0)[::-1]  # of all that is beyond a link
-    off = links[list(held_links), :2] - poses[:, :2]
-    forces = cable.bending_stiffness / trust.position_sd**2 * off
-    return forces, -cable.bending_stiffness * (inner * links[:, 3:]).sum(axis=1)
+
+    cable: Cable
+    links: Sequence[int]
+    poses: Array
+    trust: PoseAccuracy
+
+    def estimate(self, last: CableEstimate) -> CableEstimate:
+        """Shape of the cable, from the estimate before.
+
+        The links between were moved from where they were by least work, of bends and friction: that
+        is Coulomb's, for a floor that gives way by `PRESLIDING_DISPLACEMENT` first. So its holding
+        force lasts from one estimate to the next, however little a link moves.
+        """
+        angles = last.angles.copy()
+        minimise_cable_energy(angles, self._problem(last))
+        places = self.cable.poses(angles)[:, :2]
+        off = places - last.rest
+        far = np.hypot(off[:, 0], off[:, 1])[:, None]
+        held_back = off * np.minimum(1.0, PRESLIDING_DISPLACEMENT / np.maximum(far, 1e-300))
+        return CableEstimate(angles, places - held_back)
+
+    def pull_on_welder(self, now: CableEstimate, way: Array) -> CablePull | None:
+        """The pull at the welder; None if its pose or that of the vehicle before is unknown.
+
+        The force is what holds the last of the estimated links at its pose, so that of bends and
+        friction together. It stays what it is if the vehicle before goes the welder's `way`,
+        metres, shape (2,).
+        """
+        if len(self.links) < 2 or not np.isfinite(self.poses[-2:]).all():
+            return None
+        problem, stiffness, link = self._problem(now), self.cable.bending_stiffness, self.links[-2]
+        ways, turns, _ = _turns_by_poses(now.angles, problem)
+        by_place = problem.stiff[-1, 0] * problem.stiff[-2, 0]
+        by_way = stiffness * by_place * ways[-3:-1] @ turns[-6:-4].T
+        places = self.cable.poses(now.angles)[:, :2]
+        force = stiffness / self.trust.position_sd**2 * (places[-1] - self.poses[-1, :2])
+        return CablePull(force, by_way, link, places[link] + way, self.trust.position_sd)
+
+    def angle_deviations(self, now: CableEstimate, sigmas: Array | None = None) -> Array:
+        """Standard deviations of the estimated joint angles, radians, shape (N,).
+
+        Of the poses' errors, and of a floor that holds the cable more or less, by the cable's
+        `friction_doubt`, each with what it turns the joints by at the least energy; and of the
+        model.
+
+        Parameters
+        ----------
+        now : CableEstimate
+        sigmas : ndarray, shape (vehicles, 2), optional
+            As of `PlanInputs`.
+        """
+        problem = self._problem(now)
+        _, turns, by_floor = _turns_by_poses(now.angles, problem)
+        errors = 1 / np.sqrt(problem.stiff) if sigmas is None else sigmas
+        weights = (problem.stiff * errors)[:, (0, 0, 1)].reshape(-1, 1)
+        doubts = np.vstack((weights * turns, self.cable.friction_doubt * by_floor))
+        return np.asarray(np.sqrt((doubts**2).sum(axis=0) + LEAST_ANGLE_DEVIATION**2))
+
+    def forces(self, now: CableEstimate) -> tuple[Array, Array]:
+        """Forces of the cable on the vehicles, and the tension along it.
+
+        Quasi-static: what holds the estimated links at the vehicles' poses balances bends and
+        floor.
+
+        Returns
+        -------
+        forces : ndarray, shape (vehicles, 2)
+            Along x and y, newton; NaN for a vehicle with an unknown pose.
+        tension : ndarray, shape (N,)
+            In each link, newton; negative if it is pushed together.
+        """
+        problem, stiffness, n = self._problem(now), self.cable.bending_stiffness, self.cable.links
+        links, parts = np.empty((n, 5)), chain.new_chain_derivatives(n)
+        place_links(now.angles, problem.root, problem.length, links)
+        cable_energy(now.angles, problem, links, parts)
+        inner = np.cumsum(parts.point[::-1, :2], axis=0)[::-1]  # of all that is beyond a link
+        off = links[list(self.links), :2] - self.poses[:, :2]
+        forces = stiffness / self.trust.position_sd**2 * off
+        return forces, -stiffness * (inner * links[:, 3:]).sum(axis=1)
+
+    def _problem(self, last: CableEstimate) -> EstimateArrays:
+        """Of least energy, with a floor that holds the links to where they last were."""
+        cable, known = self.cable, np.isfinite(self.poses).all(axis=1)
+        # Half of the link on either side carries weight, unless a vehicle holds the link.
+        on_floor = np.ones(cable.links + 1)
+        on_floor[list(self.links)] = on_floor[-1] = 0.0
+        halves = (on_floor[:-1] + on_floor[1:]) / 2
+        return EstimateArrays(
+            np.array(cable.root, dtype=float),
+            cable.link_length,
+            np.array(self.links, dtype=np.int64)[known],
+            np.array(self.poses[known], dtype=float),
+            np.tile((self.trust.position_sd**-2, self.trust.heading_sd**-2), (known.sum(), 1)),
+            last.rest.copy(),
+            halves * cable.friction / cable.bending_stiffness,
+            cable.rest_angle,
+        )

@@ -132,7 +132,7 @@ class _ShapeIterate:
         self.angles, self.state = np.empty(n), new_shape_state(n, len(problem.fixed))
         self.plain_state = tuple(self.state)
         self._given = *problem.plain, tuple(limits.arrays)
-        self._rows, self._used = np.empty(128, dtype=ROW_TYPE), 0
+        self._rows, self._used = np.empty(128 + n, dtype=ROW_TYPE), 0
         self.f, self.off, self.worst = 0.0, 0.0, 0.0
 
     def move_to(self, angles: Array, band: float) -> None:

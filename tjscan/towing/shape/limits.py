@@ -575,7 +575,7 @@ class LimitedProblem:
         if links is None:
             links = np.empty((len(angles), 5))
             place_links(angles, self.arrays.root, self.arrays.length, links)
-        count, rows = 64, np.empty(0, dtype=ROW_TYPE)
+        count, rows = 64 + len(angles), np.empty(0, dtype=ROW_TYPE)
         limits, obstacles = tuple(self.arrays), tuple(self.problem.obstacles)
         while count > len(rows):
             rows = np.empty(count, dtype=ROW_TYPE)

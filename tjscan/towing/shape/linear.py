@@ -97,22 +97,13 @@ def constrained_step(
     back_substitute_rows(factor, solved)
     step[:] = -gradient
     back_substitute(factor, step)
-    meet_constraints(rows, solved, c, step, multipliers)
-
-
-@compiled
-def meet_constraints(rows: Array, solved: Array, c: Array, step: Array, multipliers: Array) -> None:
-    """Change a step d of H d = -g to one that meets A d = -c, with the rows of A solved by H."""
-    if len(c):
-        multipliers[:] = solve_schur(rows @ solved.T, c + rows @ step)
-        step -= multipliers @ solved
+    multipliers[:] = solve_schur(rows @ solved.T, c + rows @ step)
+    step -= multipliers @ solved
 
 
 @compiled
 def solve_schur(schur: Array, missed: Array) -> Array:
     """Multipliers of rows that a step without them misses; of equal rows they are shared."""
-    if len(missed) == 0:
-        return missed
     softness = 1e-13 * np.trace(schur) * np.eye(len(schur))
     return np.asarray(np.linalg.solve(schur + softness, missed))
 
@@ -120,22 +111,8 @@ def solve_schur(schur: Array, missed: Array) -> Array:
 @compiled
 def least_squares_multipliers(rows: Array, gradient: Array, multipliers: Array) -> float:
     """Multipliers that leave least of the Lagrangian's gradient; its largest entry is returned."""
-    m = len(multipliers)
-    if m > 0:
-        gram = rows @ rows.T
-        trace = 0.0
-        for e in range(m):
-            trace += gram[e, e]
-        for e in range(m):
-            gram[e, e] += 1e-13 * trace
-        multipliers[:] = -np.linalg.solve(gram, rows @ gradient)
-    residual = 0.0
-    for i in range(len(gradient)):
-        at = gradient[i]
-        for e in range(m):
-            at += rows[e, i] * multipliers[e]
-        residual = max(residual, abs(at))
-    return residual
+    multipliers[:] = -solve_schur(rows @ rows.T, rows @ gradient)
+    return float(np.abs(gradient + multipliers @ rows).max())
 
 
 @compiled
@@ -145,12 +122,7 @@ def weigh_constraint_squares(rows: Array, diagonal: Array) -> float:
     That leaves the step what it is, as A d is fixed, and makes convex what can be: the Hessian
     then needs to be convex only along the constraints. The diagonal is the sum's afterwards.
     """
-    level = 1e-300
-    for e in range(len(rows)):
-        for i in range(len(diagonal)):
-            level += rows[e, i] * rows[e, i]
-    weight = 10.0 * np.abs(diagonal).sum() / level
-    for e in range(len(rows)):
-        for i in range(len(diagonal)):
-            diagonal[i] += weight * rows[e, i] * rows[e, i]
+    squares = (rows * rows).sum(axis=0)
+    weight = 10.0 * np.abs(diagonal).sum() / squares.sum()
+    diagonal += weight * squares
     return float(weight)

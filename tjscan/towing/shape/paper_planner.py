@@ -7,17 +7,17 @@ leaves open is closed as for the planner (`docs/towing.md`); the code shares not
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import scipy  # its parts are loaded at first use
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
-from tjscan.towing.shape.estimate import estimate_shape
 from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PlanTerms, TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner
 from tjscan.towing.shape.problem import OBSTACLE_LOSS
@@ -53,15 +53,11 @@ class PaperPlanner(TowingPlanner):
 
         The paper knows no period and no vehicle that stopped.
         """
-        held, poses = list(self.team.held_links), np.asarray(inputs.poses)
-        known = np.flatnonzero(np.isfinite(poses).all(axis=1))
-        if inputs.last is None:
-            guess = estimate_shape(self.cable, held, poses).angles
-        else:
-            guess = inputs.last.estimate
-        known_poses = self._pose_constraint([held[m] for m in known], poses[known])
+        last = inputs.last or self.starts(inputs.welder_pose, inputs.obstacles)[0]
+        held, known = np.array(self.team.held_links), np.isfinite(inputs.poses).all(axis=1)
+        known_poses = self._pose_constraint(held[known], inputs.poses[known])
         estimate, count, failed = minimise_with_slsqp(
-            lambda a: (float(a @ a), 2 * a), known_poses, guess
+            lambda a: (float(a @ a), 2 * a), known_poses, last.estimate
         )
         floor = self._floor.with_discs(inputs.obstacles, 0.0)
         at_welder = self._pose_constraint(held[-1:], inputs.welder_pose[None])
@@ -91,30 +87,23 @@ class PaperPlanner(TowingPlanner):
         )
         gradient = weights.bending * by_bend * 2 * angles
         gradient[1:] += weights.change * by_change * np.sign(angles - estimate)[1:]
-        gradient += weights.distance * self._gradient_by_angles(angles, by_near)
+        motions = self._motions(angles)[:, :2]
+        gradient += weights.distance * np.einsum("kx,kxj->j", by_near, motions)
         return terms, terms.total, gradient / n
 
-    def _gradient_by_angles(self, angles: Array, forces: Array) -> Array:
-        """Gradient by the angles of what changes with the links' places by `forces`, (N, 2)."""
-        phi = self.cable.headings(angles)
-        beyond = np.cumsum(forces[::-1], axis=0)[::-1]
-        by_heading = self.cable.link_length * (
-            np.cos(phi) * beyond[:, 1] - np.sin(phi) * beyond[:, 0]
-        )
-        return np.asarray(np.cumsum(by_heading[::-1])[::-1])
+    def _motions(self, angles: Array) -> Array:
+        """How links' ends go, and headings turn, as joints turn: shape (N links, 3, N joints)."""
+        line = self.cable.line(angles)
+        x, y = np.moveaxis(line[1:, None] - line[:-1], 2, 0)
+        return np.tril((-y, x, np.ones_like(x))).swapaxes(0, 1)
 
-    def _pose_constraint(self, links: Sequence[int], poses: Array) -> Vector:
+    def _pose_constraint(self, links: NDArray[np.int64], poses: Array) -> Vector:
         """(2)-(4), (10)-(12) in absolute form: where links are less where they must be."""
 
         def off(angles: Array) -> tuple[Array, Array]:
-            values, rows = self.cable.poses(angles)[links] - poses, []
+            values = self.cable.poses(angles)[links] - poses
             values[:, 2] = (values[:, 2] + np.pi) % (2 * np.pi) - np.pi
-            line = self.cable.line(angles)
-            for link in links:
-                within = np.where(np.arange(self.cable.links) <= link, 1.0, 0.0)
-                arm = within[:, None] * (line[link + 1] - line[:-1])
-                rows += [-arm[:, 1], arm[:, 0], within]
-            return values.ravel(), np.array(rows)
+            return values.ravel(), self._motions(angles)[links].reshape(-1, len(angles))
 
         return off
 

@@ -43,8 +43,6 @@ class PlannerSettings:
     bend_limit : float
         Radians that no joint of the cable may be bent by as the floor holds it, if that is more
         than the limit of the cable as it is planned.
-    look_ahead : float
-        Seconds of an obstacle's way that are kept free: delay and stopping time.
     """
 
     weights: WeightSettings = field(default_factory=WeightSettings)
@@ -52,7 +50,6 @@ class PlannerSettings:
     limits: LimitSettings = field(default_factory=lambda: LimitSettings(link_clearance=0.02))
     trust: PoseAccuracy = field(default_factory=PoseAccuracy)
     bend_limit: float = 0.0
-    look_ahead: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +157,8 @@ class PlanInputs:
         Seconds.
     last : TowingPlan or None
         The plan before: the next estimate starts from its estimate, and the vehicles' steps are
-        counted from the poses that it sent them to. Without, from where they are.
+        counted from the poses that it sent them to. Without, from the best first shape, and from
+        where they are.
     obstacles : sequence of DiscObstacle
         As they are now.
     stopped : collection of int

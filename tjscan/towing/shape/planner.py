@@ -9,16 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
+from tjscan.towing.shape.area import LOOK_AHEAD, DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
-from tjscan.towing.shape.estimate import (
-    BEND_DEVIATIONS,
-    CableEstimate,
-    angle_deviations,
-    cable_forces,
-    estimate_shape,
-    pull_on_welder,
-)
+from tjscan.towing.shape.estimate import BEND_DEVIATIONS, CableEstimate, HeldCable
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import (
     BROKEN_LIMIT_TEXTS,
@@ -69,9 +62,10 @@ NEAR_LIMIT: Final = 0.05
 """Metres to spare below which the estimated cable is near to a limit: some periods of a vehicle's
 way."""
 
-LED_STEPS: Final = 5
-"""In which it is found how the floor bends the cable on the way to a plan: what slides first
-depends on the way, and a single step finds other bends."""
+WAY_TO_PLAN: Final = ((1 / 3, 0, 0), (2 / 3, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1))
+"""Steps in which it is found how the floor bends the cable on the way to a plan: the shares of that
+way, of what vehicles then drive on, and turn on. What slides first depends on the way, and a single
+step finds other bends; and vehicles that are stopped may turn on for longer than they drive on."""
 
 DRIVEN_ON: Final = 0.1
 """Seconds for which vehicles drive on as they were sent, after a plan that stops them."""
@@ -100,21 +94,11 @@ class TowingPlanner:
     team : TowingTeam
     area : Floor
     settings : PlannerSettings, optional
-
-    Raises
-    ------
-    ValueError
-        The welder does not hold the last link.
     """
 
     def __init__(
         self, cable: Cable, team: TowingTeam, area: Floor, settings: PlannerSettings | None = None
     ) -> None:
-        if team.held_links[-1] != cable.links - 1:
-            raise ValueError(
-                f"the last vehicle is the welder and holds link {cable.links - 1}, the last, "
-                f"not {team.held_links[-1]}"
-            )
         self.cable, self.team, self.area = cable, team, area
         self.settings = settings or PlannerSettings()
         self._held = np.array(team.held_links, dtype=np.int64)
@@ -135,12 +119,10 @@ class TowingPlanner:
         ValueError
             A pose of the welder or a period that is no number.
         """
-        limits, now, plan = self._plan_shape(inputs)
-        last = inputs.last
-        if plan.halt or last is None:
-            return plan
+        last = inputs.last or self.starts(inputs.welder_pose, inputs.obstacles)[0]
+        limits, now, plan = self._plan_shape(inputs, last)
         sent = last.held_poses
-        if (astray := self._led_astray(limits, now, plan, sent)) is None:
+        if plan.halt or (astray := self._led_astray(limits, now, plan, sent)) is None:
             return plan
         row, words = astray
         words = f"{plan.retreat}; {words}" if plan.retreat else words
@@ -179,19 +161,18 @@ class TowingPlanner:
             (plan.held_poses - links[held], (plan.held_poses - sent) * drives[:, None])
         )
         steps[..., 2] -= 2 * np.pi * np.round(steps[..., 2] / (2 * np.pi))
-        way = steps[0] + min(1.0, DRIVEN_ON / period) * steps[1]
+        steps[1] *= min(1.0, DRIVEN_ON / period)
         reach = (period + DRIVEN_ON) * self.team.top_speed
-        way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
         turn = reach / self.team.body_radius
-        way[:, 2] = np.clip(way[:, 2], -turn, turn)
-        for share in np.linspace(0, 1, 1 + LED_STEPS)[1:]:
-            poses = links[held] + share * way
-            led = estimate_shape(self.cable, held.tolist(), poses, last=led, trust=trust)
+        for share, on, turned in WAY_TO_PLAN:
+            way = share * steps[0] + (on, on, turned) * steps[1]
+            way[:, :2] *= np.minimum(1, reach / np.maximum(np.hypot(*way.T[:2]), reach))[:, None]
+            way[:, 2] = np.clip(way[:, 2], -turn, turn)
+            cable = HeldCable(self.cable, self.team.held_links, links[held] + way, trust)
+            led = cable.estimate(led)
             bent = np.where(np.abs(led.angles) > np.abs(bent), led.angles, bent)
         rows = self._heeded_rows(limits, plan, bent, self.cable.poses(led.angles), 0.0)
-        begun = _worst_margins(near, _apart_or_bent)
-        least = [begun.get(_apart_or_bent(row), 0.0) for row in rows]
-        rows = rows[rows["margin"] < np.array(least) - LEAST_GROWTH]
+        rows = _broken_further(rows, near, _apart_or_bent, LEAST_GROWTH)
         if not len(rows):
             return None
         row = rows[rows["margin"].argmin()]
@@ -221,40 +202,40 @@ class TowingPlanner:
         found: LimitRows = rows[heeded & (rows["margin"] < band)]
         return found
 
-    def _plan_shape(self, inputs: PlanInputs) -> tuple[LimitedProblem, CableEstimate, TowingPlan]:
+    def _plan_shape(
+        self, inputs: PlanInputs, last: TowingPlan
+    ) -> tuple[LimitedProblem, CableEstimate, TowingPlan]:
         """The problem, the estimate, and the best shape, as if the floor did not hold it back."""
         poses, welder_pose, period = inputs.poses, inputs.welder_pose, inputs.period
         if not (np.isfinite(welder_pose).all() and np.isfinite(period) and period > 0):
             raise ValueError(f"no plan for a welder at {welder_pose} in {period} s")
-        last, before = inputs.last, None
-        if last is not None and last.rest is not None:
-            before = CableEstimate(last.estimate, last.rest)
-        elif last is not None:
-            before = CableEstimate.without_floor_pull(self.cable, last.estimate)
-        held, settings = self.team.held_links, self.settings
-        now = estimate_shape(self.cable, held, poses, last=before, trust=settings.trust)
+        held = HeldCable(self.cable, self.team.held_links, poses, self.settings.trust)
+        rest = self.cable.poses(last.estimate)[:, :2] if last.rest is None else last.rest
+        now = held.estimate(CableEstimate(last.estimate, rest))
         limits = self.limited_problem(now.angles, inputs)
-        if last and settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
-            pull = pull_on_welder(self.cable, held, now, poses, settings.trust)
-            if pull is not None:
-                pull = pull.moved((welder_pose - poses[-1])[:2])
-                limits = replace(limits, problem=replace(limits.problem, pull=pull))
+        if self.settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
+            pull = held.pull_on_welder(now, (welder_pose - poses[-1])[:2])
+            limits = replace(limits, problem=replace(limits.problem, pull=pull))
         shape, pressed, iterations = self._search_shape(limits, now.angles, last)
         halt = shape.objection(pressed)
-        if halt and last is not None:
+        if halt:
             # The floor may hold the cable on the other side of an obstacle than it was planned.
             shape, pressed, more = self._search_shape(limits, now.angles, None)
             halt, iterations = shape.objection(pressed), iterations + more
         retreat = "" if halt or shape.is_feasible else shape.broken_limit(pressed)
-        known = (self.cable, held, now, poses, settings.trust)
-        forces, tension = (None, None) if last is None else cable_forces(*known)
-        near = (
-            last is not None and np.abs(now.angles).max() > NEAR_BEND_LIMIT * self.cable.joint_limit
+        forces, tension = held.forces(now)
+        is_near = np.abs(now.angles).max() > NEAR_BEND_LIMIT * self.cable.joint_limit
+        plan = shape.plan(
+            limits=pressed,
+            iterations=iterations,
+            halt=halt,
+            retreat=retreat,
+            rest=now.rest,
+            deviations=held.angle_deviations(now, inputs.sigmas) if is_near else None,
+            forces=forces,
+            tension=tension,
         )
-        deviations = angle_deviations(*known, inputs.sigmas) if near else None
-        found: dict[str, Any] = {"halt": halt, "retreat": retreat, "limits": pressed}
-        found |= {"rest": now.rest, "deviations": deviations, "forces": forces, "tension": tension}
-        return limits, now, shape.plan(iterations=iterations, **found)
+        return limits, now, plan
 
     def _search_shape(
         self, limits: LimitedProblem, estimate: Array, last: TowingPlan | None
@@ -279,21 +260,17 @@ class TowingPlanner:
         """Best shapes of many searches. See `plan.ShapePlanner`."""
         limits = self.start_problem(welder_pose, obstacles)
         plans, problem, resting = [], limits.problem, limits.problem.estimate
-        for found in start_shapes(limits, self.area, welder_pose):
-            begun = replace(limits, problem=replace(problem, estimate=found.angles))
-            shape = CheckedShape(begun, found.angles)
+        for angles in start_shapes(limits, self.area, welder_pose):
+            begun = replace(limits, problem=replace(problem, estimate=angles))
+            shape = CheckedShape(begun, angles)
             if shape.is_feasible:
-                plans.append(shape.plan(iterations=found.iterations))
+                plans.append(shape.plan())
         # Compiled functions are loaded before anything moves: no plan may have to wait for them.
         optimise_within_limits(limits, plans[0].angles if plans else resting, most=1)
         last = plans[0] if plans else None
         for _ in range(2 if last else 0):  # from the second plan on, friction is known
             last = self.plan(PlanInputs(plans[0].held_poses, welder_pose, 1.0, last))
         return plans or [CheckedShape(limits, resting).plan(halt=NO_START_TEXT)]
-
-    def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
-        """The best of `starts`."""
-        return self.starts(welder_pose, obstacles)[0]
 
     def start_problem(
         self, welder_pose: Array, obstacles: Sequence[DiscObstacle]
@@ -311,7 +288,7 @@ class TowingPlanner:
         still = [m for m in sorted(inputs.stopped) if m != self.team.welder]
         drives = [m for m in range(self.team.welder) if m not in still]
         begins = now if last is None or last.halt else last.held_poses
-        floor = self._floor.with_discs(inputs.obstacles, s.look_ahead)
+        floor = self._floor.with_discs(inputs.obstacles, LOOK_AHEAD)
         fixed, fixed_poses = [*still, self.team.welder], np.vstack((now[still], inputs.welder_pose))
         problem = ShapeProblem(
             *(self.cable, floor, s.weights, s.targets, estimate, self._held[fixed], fixed_poses),
@@ -326,19 +303,27 @@ def _what(row: np.void) -> tuple[int, int]:
 
 
 def _apart_or_bent(row: np.void) -> tuple[int, int]:
-    """What may make up for a row of limits: discs for each other, all else, but no other joint."""
-    kind, is_disc = int(row["kind"]), row["disc"] >= 0 or row["kind"] == LimitKind.BODY_TO_BODY
-    return (kind, int(row["link"])) if kind == LimitKind.JOINT else (-1, int(is_disc))
+    """Group of limits that make up for each other: links at obstacles; bodies; cable; a joint."""
+    match kind := LimitKind(row["kind"]):
+        case LimitKind.JOINT:
+            return kind, int(row["link"])
+        case LimitKind.BODY_TO_OBSTACLE | LimitKind.BODY_TO_BODY:
+            return LimitKind.BODY_TO_BODY, -1
+        case LimitKind.LINK_TO_BODY | LimitKind.LINK_TO_LINK:
+            return LimitKind.LINK_TO_LINK, -1
+    return kind, -1
 
 
-def _worst_margins(
-    rows: LimitRows, group: Callable[[np.void], tuple[int, int]] = _what
-) -> dict[tuple[int, int], float]:
-    """Least margin of each group of rows; 0 if it keeps its limits."""
+def _broken_further(
+    rows: LimitRows, before: LimitRows, group: Callable[[np.void], tuple[int, int]], growth: float
+) -> LimitRows:
+    """Rows that are broken by more, and by a growth, than any of their group was before."""
     worst: dict[tuple[int, int], float] = {}
-    for row in rows:
+    for row in before:
         worst[group(row)] = min(worst.get(group(row), 0.0), float(row["margin"]))
-    return worst
+    allowed = np.array([worst.get(group(row), 0.0) for row in rows])
+    broken: LimitRows = rows[rows["margin"] < allowed - growth]
+    return broken
 
 
 def optimise_without_limits(problem: ShapeProblem, start: Array | None = None) -> tuple[Array, int]:
@@ -384,9 +369,8 @@ class CheckedShape:
         steps = int(np.ceil(np.hypot(way[:, 0], way[:, 1]).max() / LONGEST_LINK_STEP))
         for k in range(1, steps):
             between = self._rows_of_places(begins + k / steps * way, -LONGEST_LINK_STEP)
-            entered = _worst_margins(self._rows_of_places(begins)) if len(between) else {}
-            allowed = [entered.get(_what(row), 0.0) for row in between]
-            broken = between[between["margin"] < allowed]
+            entered = self._rows_of_places(begins) if len(between) else between
+            broken = _broken_further(between, entered, _what, 0.0)
             if len(broken):
                 return f"on the way there, {self._worst_row(broken)}"
         return ""

@@ -185,6 +185,13 @@ def derivatives_of_state(state: ShapeState) -> ChainDerivatives:
 
 
 @compiled
+def cost_gradient(cost: Array, x: float, y: float) -> tuple[float, float]:
+    """Gradient at (x, y) of what a link's place costs by itself, see `ShapeArrays`."""
+    dx, dy = x - cost[1], y - cost[2]
+    return cost[4] + cost[6] * dx + cost[7] * dy, cost[5] + cost[7] * dx + cost[8] * dy
+
+
+@compiled
 def evaluate_shape(
     angles: Array, problem: ShapeArrays, obstacles: Obstacles, state: ShapeState
 ) -> float:
@@ -214,17 +221,13 @@ def evaluate_shape(
             point[i, m] = scale[1] * loss[m + 1]
     moved, costs = problem.moved, problem.costs
     for m in range(len(moved)):
-        k = moved[m]
-        x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
-        gx, gy, xx, xy, yy = costs[m, 4], costs[m, 5], costs[m, 6], costs[m, 7], costs[m, 8]
-        terms[int(costs[m, 0])] += (
-            costs[m, 3] + gx * x + gy * y + 0.5 * (xx * x * x + yy * y * y) + xy * x * y
-        )
-        point[k, 0] += gx + xx * x + xy * y
-        point[k, 1] += gy + xy * x + yy * y
-        point[k, 2] += xx
-        point[k, 3] += xy
-        point[k, 4] += yy
+        k, cost = moved[m], costs[m]
+        x, y = links[k, 0] - cost[1], links[k, 1] - cost[2]
+        gx, gy = cost_gradient(cost, links[k, 0], links[k, 1])
+        terms[int(cost[0])] += cost[3] + 0.5 * ((cost[4] + gx) * x + (cost[5] + gy) * y)
+        point[k, 0] += gx
+        point[k, 1] += gy
+        point[k, 2:] += cost[6:]
     fixed, poses = problem.fixed, problem.fixed_poses
     chain.pose_constraints(links, problem.root, fixed, poses, state.constraint, state.jacobian)
     return float(terms.sum())
@@ -329,11 +332,10 @@ def replace_pull(moved: Indices, costs: Array, links: Array, force: Array, point
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM_INDEX:
             k = moved[m]
-            x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
-            point[k, 0] += force[0] - costs[m, 4] - costs[m, 6] * x - costs[m, 7] * y
-            point[k, 1] += force[1] - costs[m, 5] - costs[m, 7] * x - costs[m, 8] * y
-            for c in range(2, 5):
-                point[k, c] -= costs[m, c + 4]
+            gx, gy = cost_gradient(costs[m], links[k, 0], links[k, 1])
+            point[k, 0] += force[0] - gx
+            point[k, 1] += force[1] - gy
+            point[k, 2:] -= costs[m, 6:]
 
 
 @compiled
@@ -344,13 +346,12 @@ def pull_gradient_after_step(
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM_INDEX:
             k = moved[m]
-            x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
+            x, y = links[k, 0], links[k, 1]
             for i in range(k + 1):
                 way = chain.link_motion_by_joint(i, k, links, root)
                 x += way[0] * step[i]
                 y += way[1] * step[i]
-            force[0] = costs[m, 4] + costs[m, 6] * x + costs[m, 7] * y
-            force[1] = costs[m, 5] + costs[m, 7] * x + costs[m, 8] * y
+            force[0], force[1] = cost_gradient(costs[m], x, y)
 
 
 @compiled
@@ -383,8 +384,7 @@ def factorise_lagrangian(
         state.turn[fixed[e], 1] += weight
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM_INDEX:
-            for c in range(2, 5):
-                state.point[moved[m], c] += costs[m, c + 4]
+            state.point[moved[m], 2:] += costs[m, 6:]
     return linear.factorise_convex(parts, links, problem.length, shift, factor, least), weight
 
 
@@ -419,15 +419,15 @@ def minimise_objective(
     problem, obstacles = ShapeArrays(*arrays), Obstacles(*plain_obstacles)
     n, m = len(angles), 3 * len(problem.fixed)
     state, after = make_shape_state(n, m // 3), make_shape_state(n, m // 3)
-    gradient, step, trial, second = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
+    gradient, step, second = np.empty(n), np.empty(n), np.empty(n)
     factor, y, force = np.empty((n, 6)), np.zeros(m), np.zeros(2)
     penalty, shift, iteration, done = 0.0, 0.0, 0, False
     f = evaluate_shape(angles, problem, obstacles, state)
     while True:
         chain.chain_gradient(derivatives_of_state(state), state.links, problem.length, gradient)
         residual = linear.least_squares_multipliers(state.jacobian, gradient, y)
-        violation = np.abs(state.constraint).max() if m > 0 else 0.0
-        if done or iteration >= most or (residual < tolerance and violation < 1e-9):
+        is_best = residual < tolerance and np.abs(state.constraint).max() < 1e-9
+        if done or iteration >= most or is_best:
             break
         iteration += 1
         add_multipliers(problem, y, state.point)
@@ -437,31 +437,26 @@ def minimise_objective(
             problem.moved, problem.costs, state.links, problem.root, step, force
         )
         off = np.abs(state.constraint).sum()
-        if m > 0:
-            penalty = max(penalty, 2.0 * np.abs(y - weight * state.constraint).max())
+        penalty = max(penalty, 2.0 * np.abs(y - weight * state.constraint).max())
         slope = gradient @ step - penalty * off
         share = min(1.0, LONGEST_JOINT_TURN / max(np.abs(step).max(), 1e-300))
-        merit, corrected, better = f + penalty * off, False, False
-        for _ in range(30):
-            for i in range(n):
-                trial[i] = angles[i] + share * step[i] + (second[i] if corrected else 0.0)
+        merit, second[:] = f + penalty * off, 0.0
+        for k in range(30):
+            trial = angles + share * step + second
             f = evaluate_shape(trial, problem, obstacles, after)
             reached = f + penalty * np.abs(after.constraint).sum()
             if reached <= merit + 1e-4 * share * slope + 1e-12 * abs(merit):
-                better = True
                 break
-            if share == 1.0 and not corrected and m > 0:
-                corrected = True
+            if k == 0 and share == 1.0:
                 linear.constrained_step(
                     factor, state.jacobian, np.zeros(n), after.constraint, second, y
                 )
-                continue
-            corrected = False
-            share *= 0.5
-        if not better:
+            else:
+                share, second[:] = 0.5 * share, 0.0
+        else:
             break
         angles[:] = trial
         state, after = after, state
-        settled = m == 0 or np.abs(state.constraint).max() < 1e-8
+        settled = np.abs(state.constraint).max() < 1e-8
         done = -slope < 1e-6 * max(1.0, abs(f)) and settled
     return iteration

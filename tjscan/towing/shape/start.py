@@ -9,7 +9,6 @@ moved until the whole has the length.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any, Final
 
@@ -70,26 +69,8 @@ MOST_QUADRATIC_PROGRAMS: Final = 60
 """Of a search for a shape that a limit is in the way of, at most."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StartShape:
-    """A shape that a search ended with.
-
-    Parameters
-    ----------
-    angles : ndarray, shape (N,)
-        Radians.
-    f : float
-        The objective there.
-    iterations : int
-    """
-
-    angles: Array
-    f: float
-    iterations: int
-
-
-def start_shapes(limits: LimitedProblem, area: Floor, welder_pose: Array) -> list[StartShape]:
-    """Shapes that keep all limits, best first; none if there is none.
+def start_shapes(limits: LimitedProblem, area: Floor, welder_pose: Array) -> list[Array]:
+    """Shapes that keep all limits, best first; none if there is none. Angles of shape (N,).
 
     Parameters
     ----------
@@ -119,37 +100,36 @@ def first_shapes(cable: Cable, area: Floor, welder_pose: Array) -> Iterator[list
         yield [cable.angles(along) for along in headings]
 
 
-def _search_shapes(limits: LimitedProblem, area: Floor, shapes: list[Array]) -> list[StartShape]:
+def _search_shapes(limits: LimitedProblem, area: Floor, shapes: list[Array]) -> list[Array]:
     """What searches from the most promising of some shapes end with."""
     problem, cable = limits.problem, limits.problem.cable
-    costs = [
-        problem.terms(angles).total - LIMIT_VIOLATION_COST * worst_margin(limits.rows(angles))
-        for angles in shapes
-    ]
-    ranked = [shapes[k] for k in np.argsort(costs, kind="stable")]
+
+    def objective(angles: Array) -> float:
+        return problem.terms(angles).total
+
+    def cost(angles: Array) -> float:
+        return objective(angles) - LIMIT_VIOLATION_COST * worst_margin(limits.rows(angles))
+
     centres = [
         *(pillar.mean(axis=0) for pillar in area.pillars),
         *(disc[:2] for disc in problem.obstacles.discs),
     ]
-    guesses = _distinct_shapes(cable, ranked, centres)[:MOST_START_SHAPES]
-    found = [shape for guess in guesses if (shape := search_shape(limits, guess))]
-    found.sort(key=lambda shape: shape.f)
-    kept = _distinct_shapes(cable, [shape.angles for shape in found], centres)
-    return [shape for shape in found if any(shape.angles is angles for angles in kept)]
+    guesses = _distinct_shapes(cable, sorted(shapes, key=cost), centres)[:MOST_START_SHAPES]
+    searched = (search_shape(limits, guess) for guess in guesses)
+    found = sorted((angles for angles in searched if angles is not None), key=objective)
+    return sorted(_distinct_shapes(cable, found, centres), key=objective)
 
 
-def search_shape(limits: LimitedProblem, guess: Array) -> StartShape | None:
+def search_shape(limits: LimitedProblem, guess: Array) -> Array | None:
     """Best shape near a guess, angles of shape (N,), radians; None if it keeps no limits."""
     angles = guess.copy()
-    iterations = minimise_objective(angles, MOST_NEWTON_STEPS, 1e-4, *limits.problem.plain)
+    minimise_objective(angles, MOST_NEWTON_STEPS, 1e-4, *limits.problem.plain)
     begins = iter((guess, _slackened(limits, guess)))
     while not _close_on_welder_pose(limits, angles):
         if (begin := next(begins, None)) is None:
             return None
-        shape = optimise_within_limits(limits, begin, most=MOST_QUADRATIC_PROGRAMS)
-        angles = shape.angles.copy()
-        iterations += shape.iterations
-    return StartShape(angles, limits.problem.terms(angles).total, iterations)
+        angles = optimise_within_limits(limits, begin, most=MOST_QUADRATIC_PROGRAMS).angles.copy()
+    return angles
 
 
 def _slackened(limits: LimitedProblem, angles: Array) -> Array:
