@@ -16,6 +16,7 @@ from tjscan.towing.standstill import (
     RunawayCheck,
     StandstillCheck,
     StandstillWatch,
+    describe_unexplained_way,
 )
 from tjscan.vehicle.vehicle import AT_REST, VehicleState
 
@@ -142,3 +143,12 @@ def test_the_cable_that_a_stopped_vehicle_holds_is_to_blame_if_it_drags_the_next
         watch.update(k * PERIOD, PERIOD, states, [AT_REST] * 6, TeamEstimate(tuple(seen)))
     found = [(name, text.partition(":")[0]) for name, text in events]
     assert found == [("stopped", "vehicle 1"), ("moved", "vehicle 5")]
+
+
+@pytest.mark.parametrize(("back", "name"), [(0.5, "slips"), (1.0, "slips"), (3.0, "moved")])
+def test_wheels_that_slip_bring_a_vehicle_no_further_back_than_they_drive(
+    back: float, name: str
+) -> None:
+    way = np.array((0.006, 0.008))
+    one = VehiclePoseEstimate(np.zeros(3), 1e-4, 1e-3, 0.0, way=way, unexplained=-back * way)
+    assert describe_unexplained_way(one)[0] == name

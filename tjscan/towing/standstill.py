@@ -97,6 +97,9 @@ LEAST_TURNING_SHARE: Final = 0.1
 DRIVE_LAG: Final = 0.3
 """Seconds by which drives may be behind their commands."""
 
+MOST_SLIPPING_SHARE: Final = 1.5
+"""Share of the wheels' way by which it is off at most if they slip: further back, it is pushed."""
+
 LEAST_SLIPPING_SHARE: Final = 0.8
 """Share of the unexplained way that is against the wheels' way if they slip; else a vehicle is
 moved by something other than its wheels."""
@@ -223,7 +226,8 @@ def describe_unexplained_way(one: VehiclePoseEstimate) -> tuple[str, str]:
     off, way = one.unexplained, one.way
     if not off.any():
         return "", ""
-    if -(off @ way) > LEAST_SLIPPING_SHARE * hypot(*off) * hypot(*way) > 0:
+    against = -(off @ way) > LEAST_SLIPPING_SHARE * hypot(*off) * hypot(*way) > 0
+    if against and hypot(*off) < MOST_SLIPPING_SHARE * hypot(*way):
         went = hypot(*(off + way))
         turned = f"its wheels turned by {1e3 * hypot(*way):.0f} mm"
         return "slips", f"{turned}, and it went {1e3 * went:.0f} mm"
