@@ -72,7 +72,7 @@ class Cable:
         ndarray, shape (..., N)
             φ_i, radians, not wrapped.
         """
-        return np.asarray(self.root[2] + np.cumsum(angles, axis=-1))
+        return np.asarray(self.root[2] + np.asarray(angles).cumsum(axis=-1))
 
     def poses(self, angles: Array) -> Array:
         """Poses of the links' far ends.
@@ -88,9 +88,11 @@ class Cable:
             x, y in metres and heading in radians; p_i and φ_i.
         """
         phi = self.headings(angles)
-        x = self.root[0] + self.link_length * np.cumsum(np.cos(phi), axis=-1)
-        y = self.root[1] + self.link_length * np.cumsum(np.sin(phi), axis=-1)
-        return np.stack((x, y, phi), axis=-1)
+        poses = np.empty((*phi.shape, 3))
+        poses[..., 0] = self.root[0] + self.link_length * np.cos(phi).cumsum(axis=-1)
+        poses[..., 1] = self.root[1] + self.link_length * np.sin(phi).cumsum(axis=-1)
+        poses[..., 2] = phi
+        return poses
 
     def line(self, angles: Array) -> Array:
         """Points from the root to the tip, shape (N + 1, 2), of angles of shape (N,)."""
