@@ -11,7 +11,8 @@ from _other_cable import CableTruth, other_cable
 
 from tjscan.core.errors import TjscanError
 from tjscan.job.tow.job import read_tow_job
-from tjscan.runs.tow.study import TowOutcome, tow_for_study
+from tjscan.runs.tow.results import TowOutcome
+from tjscan.runs.tow.study import tow_for_study
 
 EXAMPLES: Final = Path(__file__).parents[1] / "examples"
 

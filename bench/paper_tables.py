@@ -31,7 +31,8 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.result.picture import write_png
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
-from tjscan.runs.tow.study import TOW_STUDY, TowOutcome
+from tjscan.runs.tow.results import TowOutcome
+from tjscan.runs.tow.study import TOW_STUDY
 from tjscan.study.report import RowGroup, keys_to_show
 from tjscan.study.run import read_rows, read_trials
 from tjscan.study.trial import ReportedQuantity, StudyRow, Value

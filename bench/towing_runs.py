@@ -39,7 +39,7 @@ from _tow_paper import (
 from _tows import EXAMPLES, NOISE, Tow, passer_by, run_tow, seam_piece
 
 from tjscan.job.tow.job import read_tow_job
-from tjscan.runs.tow.study import TowOutcome
+from tjscan.runs.tow.results import TowOutcome
 
 SEEDS: Final = range(1, 6)
 PASSERS_BY: Final = 20

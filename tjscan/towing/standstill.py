@@ -436,7 +436,7 @@ class StandstillWatch:
             return WaitingReason(f"the welder is stopped: {why}", device=True)
         if self._reported.get(welder) == "moved":  # it would weld on where it is taken to be
             _, words = describe_unexplained_way(estimate.estimates[welder])
-            return WaitingReason(f"the welder was moved {words}", for_good=True)
+            return WaitingReason(f"the welder was moved {words}: see where it is", for_good=True)
         if self.runaways:
             name = self._team.name_of(self.runaways[0])
             return WaitingReason(f"{name} does not follow its commands", device=True)

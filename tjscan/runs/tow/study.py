@@ -16,8 +16,6 @@ from tjscan.runs.tow.run import make_tow
 from tjscan.study import trial
 from tjscan.towing.journal import TowCycle, TowTruth
 
-__all__ = ["TOW_STUDY", "InMemoryTowJournal", "TowOutcome", "tow_for_study"]
-
 
 class InMemoryTowJournal:
     """A tow's journal that keeps its cycles in memory.
