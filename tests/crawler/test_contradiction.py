@@ -235,11 +235,10 @@ def test_a_joint_that_bends_is_told_from_tracks_that_slip_by_the_gyro(
     with pytest.raises(CrawlStopped) as caught:  # noqa: PT012
         for k in range(400):
             aside = 1e-6 * max(k - 100, 0)
-            watch.add(
-                going, going, 0.02, groove(-aside, rng), 10e-6 * rng.standard_normal() + aside
-            )
-            off = misfit if k > 100 else 0.0
-            watch.inertial.add(VehicleState(0.02 * k, going, gyro=gyro), (off, 0.0), 0.02)
+            off = 10e-6 * rng.standard_normal() + aside
+            watch.add(going, going, 0.02, groove(-aside, rng), (off, off))
+            turns = misfit if k > 100 else 0.0
+            watch.inertial.add(VehicleState(0.02 * k, going, gyro=gyro), (turns, 0.0), 0.02)
     assert caught.value.guard == guard
 
 
@@ -260,7 +259,7 @@ def test_a_bend_is_followed_unless_the_gyro_denies_it(
         for k in range(300):
             off = 10e-6 * rng.standard_normal()
             off += 0.0 if followed else 1e-6 * max(k - 100, 0)
-            watch.add(going, going, 0.02, groove(-off, rng), off, follow_bend=follow_bend)
+            watch.add(going, going, 0.02, groove(-off, rng), (off, off), follow_bend=follow_bend)
             watch.inertial.add(VehicleState(0.02 * k, going, gyro=gyro), (misfit, 0.0), 0.02)
     assert len(followed) == bends
 
@@ -285,7 +284,7 @@ def is_followed(aside: Callable[[float], float], noise: float, seed: int, rest: 
         off = aside(way) + slid + noise * rng.standard_normal()
         try:
             may_bend = None if rests else follow_bend
-            watch.add(going, going, 0.02, empty, off, follow_bend=may_bend)
+            watch.add(going, going, 0.02, empty, (off, off), follow_bend=may_bend)
         except CrawlStopped:
             return False
         if followed:
@@ -375,7 +374,7 @@ def test_a_joint_that_jumps_in_its_picture_is_another(read: float, seen: float, 
     going = Twist(8e-3, 0.0)
 
     def go_on(surprise: float | None, at: float) -> None:
-        watch.add(going, going, 0.01, groove(at, rng), surprise)
+        watch.add(going, going, 0.01, groove(at, rng), surprise and (surprise, surprise))
 
     for _ in range(200):
         go_on(20e-6 * rng.standard_normal(), 0.0)
@@ -389,7 +388,7 @@ def test_a_picture_that_moved_and_shows_no_joint_is_a_knock() -> None:
     watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(1)
     going = Twist(8e-3, 0.0)
     for _ in range(200):
-        watch.add(going, going, 0.01, groove(0.0, rng), 20e-6 * rng.standard_normal())
+        watch.add(going, going, 0.01, groove(0.0, rng), (20e-6 * rng.standard_normal(), 0.0))
     for _ in range(50):  # blind, but nothing moved
         watch.add(going, going, 0.01, groove(0.0, rng), None)
     with pytest.raises(CrawlStopped, match=r"4\.0 mm to the left"):  # noqa: PT012
@@ -401,7 +400,7 @@ def test_a_joint_that_a_tack_fills_is_no_knock() -> None:
     watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(1)
     going, flat = Twist(8e-3, 0.0), Profile(np.linspace(-0.04, 0.04, 290), np.full(290, 0.149))
     for _ in range(200):
-        watch.add(going, going, 0.01, groove(0.01, rng), 20e-6 * rng.standard_normal())
+        watch.add(going, going, 0.01, groove(0.01, rng), (20e-6 * rng.standard_normal(), 0.0))
     for _ in range(100):
         noise = rng.uniform(-0.04, 0.0, 290) * np.repeat(rng.random(145) < 0.1, 2)
         seen = replace(flat, z_s=flat.z_s + noise + 60e-6 * rng.standard_normal(290))
@@ -418,7 +417,7 @@ def test_readings_off_by_chance_stop_nothing(correlation: float) -> None:
     for _ in range(50_000):
         new = 30e-6 * np.sqrt(1 - correlation**2) * rng.standard_normal()
         off = correlation * off + new
-        watch.add(going, going, 0.01, empty, off)
+        watch.add(going, going, 0.01, empty, (off, off))
 
 
 def test_drives_that_lag_more_than_assumed_stop_nothing() -> None:
@@ -430,7 +429,7 @@ def test_drives_that_lag_more_than_assumed_stop_nothing() -> None:
     for k in range(4000):
         asked = Twist(-0.04 if (k // 400) % 2 else 0.04, 2e-3)
         shown += 0.01 / 0.3 * (asked.speed - shown)
-        watch.add(asked, Twist(shown, 2e-3), 0.01, empty, 0.0)
+        watch.add(asked, Twist(shown, 2e-3), 0.01, empty, (0.0, 0.0))
 
 
 def test_profiles_without_points_contradict_nothing() -> None:
@@ -444,20 +443,20 @@ def test_what_a_busy_host_commanded_late_contradicts_nothing() -> None:
     watch, still = ContradictionWatch(TrackGeometry()), Profile(np.zeros(2), np.full(2, np.nan))
     ahead, turning = Twist(20e-3, 0.0), Twist(20e-3, 0.1)
     for _ in range(50):
-        watch.add(ahead, ahead, 0.02, still, 0.0)
-    watch.add(turning, ahead, 0.4, still, 0.3e-3)
+        watch.add(ahead, ahead, 0.02, still, (0.0, 0.0))
+    watch.add(turning, ahead, 0.4, still, (0.3e-3, 0.3e-3))
     for _ in range(50):
-        watch.add(turning, turning, 0.02, still, 0.0)
+        watch.add(turning, turning, 0.02, still, (0.0, 0.0))
     with pytest.raises(CrawlStopped):
-        watch.add(turning, ahead, 0.09, still, 0.0)
+        watch.add(turning, ahead, 0.09, still, (0.0, 0.0))
 
 
 def test_a_host_too_slow_to_judge_any_cycle_stops_the_crawl() -> None:
     watch, still = ContradictionWatch(TrackGeometry()), Profile(np.zeros(2), np.full(2, np.nan))
     ahead = Twist(20e-3, 0.0)
-    watch.add(ahead, ahead, 2.0, still, 0.0)
-    watch.add(ahead, ahead, 0.05, still, 0.0)
+    watch.add(ahead, ahead, 2.0, still, (0.0, 0.0))
+    watch.add(ahead, ahead, 0.05, still, (0.0, 0.0))
     for _ in range(20):
-        watch.add(ahead, ahead, 0.12, still, 0.0)
+        watch.add(ahead, ahead, 0.12, still, (0.0, 0.0))
     with pytest.raises(CrawlStopped, match="too long to see"):
-        watch.add(ahead, ahead, 0.12, still, 0.0)
+        watch.add(ahead, ahead, 0.12, still, (0.0, 0.0))

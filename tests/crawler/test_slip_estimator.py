@@ -117,7 +117,19 @@ def test_a_reversal_shows_the_crab() -> None:
 
 def misfit_of_reading(estimator: SlipEstimator, d: float) -> float:
     """How far off a reading is, squared, in the variance of what was expected."""
-    return (estimator.read(d, SIGMA) / float(np.hypot(SIGMA, UNSURE.unevenness))) ** 2
+    return (estimator.read(d, SIGMA)[0] / float(np.hypot(SIGMA, UNSURE.unevenness))) ** 2
+
+
+@pytest.mark.parametrize("sigma", [10e-6, 1e-3])
+def test_how_far_readings_went_aside_does_not_depend_on_what_was_made_of_them(sigma: float) -> None:
+    first = SlipEstimate.before_any_reading(UNSURE)
+    estimator, rng = SlipEstimator(GEOMETRY, first, UNSURE), np.random.default_rng(1)
+    course = np.where(np.arange(60) < 30, 0.0, 0.4e-3) + 20e-6 * rng.standard_normal(60)
+    shown = []
+    for d in course:
+        estimator.move(TrackOdometry(0.02, 0.0, PERIOD))
+        shown.append(estimator.read(float(d), sigma)[1])
+    assert np.diff(shown) == pytest.approx(np.diff(course), abs=30e-6)
 
 
 def test_an_outlier_moves_it_little() -> None:

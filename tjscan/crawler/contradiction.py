@@ -57,6 +57,10 @@ SCATTER_MEMORY_LENGTH: Final = 0.3
 SCATTER_LIMIT: Final = 6.0
 """Standard deviations: one in 10⁹ of normal means; some 10⁵ means are seen in an hour."""
 
+BEND_LIMIT: Final = 4.0
+"""The same of the longer mean where the joint may be taken for one that bends: one in 10⁴. What is
+followed in vain costs an alignment, what is not is taken for slip."""
+
 LARGEST_SURPRISE: Final = 1e-3
 """Metres: a reading farther off counts as no more, so that a single wrong one is no jump."""
 
@@ -98,12 +102,15 @@ mean must be less for a shift to be seen."""
 TURNING_GUARDS: Final = ("encoder", "slip")
 """Guards that blame the tracks for what may be a bend of the joint."""
 
-SURPRISES_KEPT: Final = 100
+READINGS_KEPT: Final = 100
 """Readings of a vehicle that moves which show whether they jumped, or the joint bends: 40 mm."""
 
 BEND_EVIDENCE: Final = 100.0
-"""How many times likelier a course that leads aside along the way has to be than a jump: a reading
-that jumped and was followed as a bend would hide a knock, so what is in doubt is one."""
+"""How many times likelier a course has to be than others: readings that jumped and were followed as
+a bend would hide a knock."""
+
+FEWEST_OF_COURSE: Final = 4
+"""Readings that tell a course from a jump: fewer are taken for one."""
 
 
 LEAST_INERTIAL_SCATTER, FIRST_INERTIAL_SCATTER, INERTIAL_SCATTER_TIME = 0.83, 1.5, 30.0
@@ -368,6 +375,23 @@ def _shift_between(now: Profile, before: Profile) -> float:
     return float(SHIFTS_TRIED[best]) if still - apart[best] > LEAST_GAIN_BY_SHIFT else 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Course:
+    """How readings went aside lately.
+
+    Parameters
+    ----------
+    bends, jumped : bool
+        Whether they did from some place on, or at one.
+    steepness : float
+        By how much for each metre of way.
+    """
+
+    bends: bool = False
+    jumped: bool = False
+    steepness: float = 0.0
+
+
 class ContradictionWatch:
     """Stops a crawl whose data do not fit one another.
 
@@ -384,7 +408,7 @@ class ContradictionWatch:
         """Forget what was: the vehicle is driven by hand, or rests there."""
         self._forget_ways(AT_REST)
         self._pictures, self.inertial = PictureWatch(), InertialWatch()
-        self._surprises: deque[tuple[float, float]] = deque(maxlen=SURPRISES_KEPT)
+        self._aside: deque[tuple[float, float]] = deque(maxlen=READINGS_KEPT)
         self._way = 0.0
         self._seen: Profile | None = None
         self._unseen, self._unseen_way = 0, 0.0
@@ -404,7 +428,7 @@ class ContradictionWatch:
         shown: Twist,
         period: float,
         profile: Profile,
-        surprise: float | None,
+        surprise: tuple[float, float] | None,
         *,
         filled: bool = False,
         follow_bend: Callable[[], bool] | None = None,
@@ -418,9 +442,8 @@ class ContradictionWatch:
         period : float
             Seconds.
         profile : Profile
-        surprise : float or None
-            How far the reading is off from what the estimate expected, metres, as far as the
-            estimate's own uncertainty does not explain it; None if there is none.
+        surprise : tuple of float or None
+            Of the reading, as of `FollowingMethod.read`; None if there is none.
         filled : bool, optional
             Whether the picture shows even steel: it can't show whether it moved.
         follow_bend : callable, optional
@@ -453,39 +476,47 @@ class ContradictionWatch:
                 self._check_unread(profile)
             return
         self._way += way
+        off, aside = surprise
         if way > CREEPING_SPEED * period:  # nothing bends at rest: what goes aside there is a jump
-            self._surprises.append((self._way, surprise))
-        sudden, lasting = self._readings.add(surprise, max(way, LEAST_WAY_PER_READING))
+            self._aside.append((self._way, aside))
+        contradicts = any(self._readings.add(off, max(way, LEAST_WAY_PER_READING)))
         self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
-        if (sudden or lasting) and self._doubt is None:
-            steepness = self._steepness()
-            doubt = self._contradiction(surprise, shown.speed, profile, jumped=steepness == inf)
-            gyro_denies = BENDING_MISFIT < self.inertial.turn_misfit < inf
-            may_bend = steepness < MOST_SIDEWAYS_SHARE and not gyro_denies
-            if follow_bend is not None and may_bend and follow_bend():
-                self._forget_ways(commanded)
-                self._surprises.clear()
-                return
-            self._doubt = doubt
+        leads_aside = abs(self._readings.means[1]) > BEND_LIMIT * LEAST_SCATTERS[1]
+        if self._doubt is not None or not (contradicts or (leads_aside and follow_bend)):
+            return
+        course = self._course()
+        gyro_denies = BENDING_MISFIT < self.inertial.turn_misfit < inf
+        may_bend = course.bends or (contradicts and not course.jumped)
+        may_bend &= course.steepness < MOST_SIDEWAYS_SHARE and not gyro_denies
+        if follow_bend is not None and may_bend and follow_bend():
+            self._forget_ways(commanded)
+            self._aside.clear()
+        elif contradicts:
+            self._doubt = self._contradiction(off, shown.speed, profile, jumped=course.jumped)
             self._settle_doubt(0.0)
 
-    def _steepness(self) -> float:
-        """How far readings go aside in a metre from some place on; infinite if they jumped there.
+    def _course(self) -> Course:
+        """How readings go aside: straight on, or from some place on otherwise, or by a jump.
 
-        Of both courses the one counts that leaves less of the readings unexplained.
+        The last two count if they are that much likelier than both others.
         """
-        if len(self._surprises) < 3:
-            return inf
-        way, off = np.transpose(self._surprises)
-        beyond, off = way[:, None] - way[:-1], off - off.mean()
-        left = []
+        if len(self._aside) < FEWEST_OF_COURSE:
+            return Course(jumped=True)
+        way, off = np.transpose(self._aside)
+        straight = np.linalg.qr(np.stack((np.ones_like(way), way - way[0]), axis=1))[0]
+        beyond, left = way[:, None] - way[1:-1], off - straight @ (straight.T @ off)
+        unexplained = [left @ left]
         for course in (beyond > 0, np.maximum(beyond, 0)):
-            shape = course - course.mean(axis=0)
-            fitted, norm = off @ shape, (shape**2).sum(axis=0)
+            shape = course - straight @ (straight.T @ course)
+            fitted, norm = left @ shape, (shape**2).sum(axis=0)
             best = int(np.argmax(fitted**2 / norm))
-            left.append(off @ off - fitted[best] ** 2 / norm[best])
-        likelier = left[0] > left[1] * BEND_EVIDENCE ** (2 / len(off))
-        return float(abs(fitted[best] / norm[best])) if likelier else inf
+            unexplained.append(unexplained[0] - fitted[best] ** 2 / norm[best])
+        plain, jump, bend = unexplained
+        less = BEND_EVIDENCE ** (-2 / len(off))
+        if bend < less * min(plain, jump):
+            return Course(bends=True, steepness=float(abs(fitted[best] / norm[best])))
+        trend = float(np.polyfit(way, off, 1)[0])
+        return Course(jumped=bool(jump < less * plain), steepness=abs(trend))
 
     def _settle_doubt(self, period: float) -> None:
         """Blame the tracks if the gyro turns otherwise; if it turns as they do, the joint bends."""

@@ -66,14 +66,15 @@ class FollowingMethod(Protocol):
             standard deviation of a mean over `INERTIAL_MEAN_TIME`; 0 without one.
         """
 
-    def read(self, d: float, sigma: float) -> float | None:
+    def read(self, d: float, sigma: float) -> tuple[float, float] | None:
         """Take in a reading of the joint: laser minus joint, and its sigma; metres.
 
         Returns
         -------
-        float or None
-            How far it was off from what was expected, metres, as far as the estimate's own
-            uncertainty does not explain it; None if the method can't state that.
+        surprise, aside : float
+            How far it was off from what was expected, as far as the estimate's own uncertainty does
+            not explain it; and how far readings went aside by more than the vehicle's motion
+            explains, whatever the estimate made of them; metres. None if the method can't tell.
         """
 
     def follow_bend(self) -> bool:

@@ -244,7 +244,7 @@ class SlipAwareMethod:
         self._estimator.move(odometry)
         return self._estimator.read_inertial(state.gyro, state.down, period)
 
-    def read(self, d: float, sigma: float) -> float:
+    def read(self, d: float, sigma: float) -> tuple[float, float]:
         """Take in a reading of the joint; see `FollowingMethod.read`."""
         return self._estimator.read(d, sigma)
 

@@ -311,10 +311,10 @@ MOST_WINDOW_MISFIT: Final = 9.0
 UNKNOWN_DIRECTION_SIGMA: Final = 2.0
 """Radians: of a direction of which nothing is known."""
 
-UNSTEADINESS_BOUNDS: Final = (0.003, 1.0)
+UNSTEADINESS_BOUNDS: Final = (0.0003, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
 track does at most, and with none of them the filter would learn no more. The least is of pads that
-give way by 50 µm instead of 1 mm: readings hardly show less."""
+give way by 17 µm instead of 1 mm, as rigid ones do: readings hardly show less."""
 
 MOST_SIDEWAYS_SHARE: Final = 0.1
 """Metres by which torch or laser go aside at most while the vehicle goes on by one: by its slope
@@ -355,7 +355,8 @@ class SlipUncertainty(SettingsTable):
     ripple : float
         Likewise, of each of the four ripples.
     gyro, down : float
-        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians.
+        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians: by
+        default 0.01 degrees a second and 0.05 degrees, as small sensors of silicon have.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
     settled_centre_walk, gyro_bias_walk, joint_down_walk : float
         Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
@@ -388,8 +389,8 @@ class SlipUncertainty(SettingsTable):
     odometry_delay: Annotated[Deviation, SECONDS] = 0.05
     gyro_bias: Annotated[Deviation, MRAD_S] = 2e-3
     inclinometer_lag: Annotated[Deviation, SECONDS] = 0.2
-    gyro: Annotated[Deviation, MRAD_S] = 2e-4
-    down: Annotated[Deviation, MRAD] = 1e-3
+    gyro: Annotated[Deviation, MRAD_S] = 0.175e-3
+    down: Annotated[Deviation, MRAD] = 0.873e-3
     rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
     yaw_efficiency_walk: Deviation = 0.01
     drift_walk: Annotated[Deviation, MRAD] = 0.2e-3
@@ -600,7 +601,7 @@ class SlipEstimator:
         self._walk_per_metre = np.square(walks)
         self._turns = 0.0
         self.unsteadiness = 1.0
-        self._turn = self._damped_turn = 0.0
+        self._turn = self._damped_turn = self._left = self._aside = 0.0
         self._by_turn = np.zeros(STATE_COUNT)
         self.smoother = StateSmoother()
         self.seen_from = geometry.laser_to_torch
@@ -676,7 +677,7 @@ class SlipEstimator:
         drift = own.unsteady_drift**2 + (own.unsteady_efficiency * self._turns) ** 2
         return crab, drift
 
-    def read(self, d: float, sigma: float) -> float:
+    def read(self, d: float, sigma: float) -> tuple[float, float]:
         """Take in a reading of the joint.
 
         Parameters
@@ -688,9 +689,12 @@ class SlipEstimator:
 
         Returns
         -------
-        float
+        surprise : float
             How far it is off from what was expected, metres, as far as the estimate's own
             uncertainty does not explain it; nothing of it is weighed down.
+        aside : float
+            How far readings went aside, metres, by more than the vehicle's motion between them
+            explains: what the estimate makes of each of them is left out.
         """
         expected, H = laser_offset(self.estimate.x, self.geometry, self.estimate.bend)
         variance, off = sigma**2, d - expected
@@ -698,7 +702,11 @@ class SlipEstimator:
         self._misfit += off / sqrt(known)
         self._readings += 1
         self._correct(off, H, variance)
-        return off * sqrt(min((variance + self._uncertainty.unevenness**2) / known, 1.0))
+        self._aside += off - self._left
+        self._left = d - laser_offset(self.estimate.x, self.geometry, self.estimate.bend)[0]
+        return off * sqrt(
+            min((variance + self._uncertainty.unevenness**2) / known, 1.0)
+        ), self._aside
 
     def read_inertial(
         self, gyro: Sequence[float], down: Sequence[float], period: float
