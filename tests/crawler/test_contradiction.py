@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import radians, sqrt
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -319,6 +320,29 @@ def test_readings_that_stay_off_by_little_are_noticed_within_a_few_centimetres()
     with pytest.raises(AssertionError, match="nothing was noticed"):
         is_followed(lambda way: 15e-6 * (way > 0.1), 15e-6, 1, 0.0)
     assert not is_followed(lambda way: 40e-6 * (0.1 < way < 0.16), 15e-6, 1, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("surprise", "slope", "followed"),
+    [(35e-6, 0.02, True), (15e-6, 0.02, False), (25e-6, 0.0, False), (25e-6, None, False)],
+)
+def test_a_bend_that_is_taken_for_slip_is_followed_from_four_deviations_on(
+    surprise: float, slope: float | None, followed: bool
+) -> None:
+    """Of a course that bends: not of one that goes straight aside."""
+    for seed in range(5):
+        watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(seed)
+        going, empty = Twist(0.02, 0.0), Profile(np.empty(0), np.empty(0))
+        follow_bend = Mock(return_value=True)
+        for k in range(400):
+            way = 0.02 * 0.02 * k
+            aside = 0.02 * way if slope is None else slope * max(way - 0.08, 0.0)
+            off = surprise * (k > 200) + 15e-6 * rng.standard_normal()
+            course = aside + 15e-6 * rng.standard_normal()
+            watch.add(going, going, 0.02, empty, (off, course), follow_bend=follow_bend)
+            if follow_bend.called:
+                break
+        assert follow_bend.called == followed
 
 
 def test_a_kink_is_followed_among_the_noise_of_readings() -> None:

@@ -251,8 +251,8 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("knock", "told", "guard"),
     [
-        (0.0, r"assumed that the joint bends by .* mm to the right from 47. to 6.. mm", "torch"),
-        (2e-3, r"knocked .* It was assumed that the joint bends by .* from 47. to 6.. mm", "knock"),
+        (0.0, r"assumed that the joint bends by .* mm to the right from 47. to 7.. mm", "torch"),
+        (2e-3, r"knocked .* It was assumed that the joint bends by .* from 47. to 7.. mm", "knock"),
     ],
 )
 def test_a_bend_is_told_as_an_assumption_at_ready_and_by_a_stop(

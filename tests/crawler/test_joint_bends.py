@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.slip_aware import SlipAwareMethod, SteeringSettings
 from tjscan.crawler.slip_estimator import (
     BEND_REACH,
@@ -61,12 +62,12 @@ def test_at_first_a_bend_goes_on_straight_but_for_a_step_at_each_place() -> None
 
 def test_it_is_told_where_the_joint_is_assumed_to_bend_and_how_far_aside() -> None:
     assert FIRST.bends == []
-    two = FIRST.with_bend(FIRST.with_bend((), 0.5).bend, 1.0)
+    two = FIRST.with_bend(FIRST.with_bend((), 0.5).bend, 1.2)
     course = 1e-3 + 0.01 * np.array(two.bend)  # a straight line is no bend
     course += [-kink(place - 0.2) for place in two.bend]
     known = SlipEstimate(np.concatenate((two.x[:STATE_COUNT], course)), two.P, two.bend)
     ((start, end, aside, sigma), (_, _, straight, _)) = known.bends
-    assert (start, end) == pytest.approx((0.35, 0.64))
+    assert (start, end) == pytest.approx((0.25, 0.74))
     assert aside == pytest.approx(-3e-3)
     assert sigma > BEND_STEP
     assert straight == pytest.approx(0.0, abs=1e-12)
@@ -74,12 +75,12 @@ def test_it_is_told_where_the_joint_is_assumed_to_bend_and_how_far_aside() -> No
 
 def test_a_contradiction_where_a_bend_is_known_is_no_other_bend() -> None:
     method = SlipAwareMethod(GEOMETRY, FIRST, UNSURE, SteeringSettings())
-    for _ in range(15):
+    for _ in range(25):
         method.move(VehicleState(0.0, Twist(0.01, 0.0)), 1.0, Twist(0.01, 0.0))
     assert method.follow_bend()
-    for _ in range(14):
+    for _ in range(24):
         assert not method.follow_bend()
-        assert len(method.slip.bend) == 30
+        assert len(method.slip.bend) == 50
         method.move(VehicleState(0.0, Twist(0.01, 0.0)), 1.0, Twist(0.01, 0.0))
     for _ in range(3):
         method.move(VehicleState(0.0, Twist(0.01, 0.0)), 1.0, Twist(0.01, 0.0))
@@ -93,15 +94,15 @@ def test_before_the_first_place_that_the_laser_saw_the_joint_does_not_bend() -> 
     first = GEOMETRY.laser_to_torch - 0.02
     assert method.follow_bend()
     assert first < method.slip.bend[0] < first + BEND_SPACING
-    method.move(VehicleState(0.0, Twist(0.2, 0.0)), 1.0, Twist(0.2, 0.0))
+    method.move(VehicleState(0.0, Twist(0.3, 0.0)), 1.0, Twist(0.3, 0.0))
     assert method.follow_bend()  # another one, and still none before
-    assert method.slip.bend[0] > first - 0.2
+    assert method.slip.bend[0] > first - 0.3
 
 
 def test_a_second_bend_joins_the_first_and_between_them_it_is_straight() -> None:
     one = FIRST.with_bend((), 0.5)
     assert FIRST.with_bend(one.bend, 0.5).bend == one.bend
-    two = FIRST.with_bend(one.bend, 1.0)
+    two = FIRST.with_bend(one.bend, 1.2)
     assert len(two.bend) == 2 * len(one.bend)
     assert np.diff(two.bend).min() > BEND_SPACING / 2
     gap = int(np.argmax(np.diff(two.bend))) + 1
@@ -158,6 +159,18 @@ def test_torch_is_known_beside_a_joint_that_bends() -> None:
                 off = known.torch_shares @ known.x - (truth[0] - kink(torch))
                 errors.append(off / np.sqrt(known.torch_shares @ known.P @ known.torch_shares))
     assert np.mean(np.square(errors)) < 2
+
+
+def test_slip_that_no_vehicle_has_stops_before_an_arc() -> None:
+    x = FIRST.x.copy()
+    for which in ("rotation_centre", "drift", "crab", "turning_crab", "fixed_centre"):
+        x[SlipStateIndex[which.upper()]] += 1.9 * getattr(UNSURE, which)
+    method = SlipAwareMethod(GEOMETRY, SlipEstimate(x, FIRST.P), UNSURE, SteeringSettings())
+    method.check_slip()
+    x[SlipStateIndex.FIXED_CENTRE] += 1.9 * UNSURE.fixed_centre
+    method = SlipAwareMethod(GEOMETRY, SlipEstimate(x, FIRST.P), UNSURE, SteeringSettings())
+    with pytest.raises(CrawlStopped, match=r"its fixed centre is 3\.8 standard deviations"):
+        method.check_slip()
 
 
 def test_a_bend_is_recorded_and_read_again() -> None:

@@ -58,8 +58,8 @@ SCATTER_LIMIT: Final = 6.0
 """Standard deviations: one in 10⁹ of normal means; some 10⁵ means are seen in an hour."""
 
 BEND_LIMIT: Final = 4.0
-"""The same of the longer mean where the joint may be taken for one that bends: one in 10⁴. What is
-followed in vain costs an alignment, what is not is taken for slip."""
+"""Least deviations of the longer mean from which the joint may be taken for one that bends, if its
+course says so, too. What is followed in vain costs an alignment, what is not is taken for slip."""
 
 LARGEST_SURPRISE: Final = 1e-3
 """Metres: a reading farther off counts as no more, so that a single wrong one is no jump."""
@@ -382,9 +382,9 @@ class Course:
     Parameters
     ----------
     bends, jumped : bool
-        Whether they did from some place on, or at one.
+        Whether they lead another way from one place on, or jumped at one.
     steepness : float
-        By how much for each metre of way.
+        How far they lead aside for each metre of way.
     """
 
     bends: bool = False
@@ -409,7 +409,7 @@ class ContradictionWatch:
         self._forget_ways(AT_REST)
         self._pictures, self.inertial = PictureWatch(), InertialWatch()
         self._aside: deque[tuple[float, float]] = deque(maxlen=READINGS_KEPT)
-        self._way = 0.0
+        self._way = self._last_speed = 0.0
         self._seen: Profile | None = None
         self._unseen, self._unseen_way = 0, 0.0
         self._doubt: CrawlStopped | None = None
@@ -428,7 +428,7 @@ class ContradictionWatch:
         shown: Twist,
         period: float,
         profile: Profile,
-        surprise: tuple[float, float] | None,
+        misfit: tuple[float, float] | None,
         *,
         filled: bool = False,
         follow_bend: Callable[[], bool] | None = None,
@@ -442,8 +442,9 @@ class ContradictionWatch:
         period : float
             Seconds.
         profile : Profile
-        surprise : tuple of float or None
-            Of the reading, as of `FollowingMethod.read`; None if there is none.
+        misfit : tuple of float or None
+            How far the reading is off, and how far readings went aside, as of
+            `FollowingMethod.read`; None if there is none.
         filled : bool, optional
             Whether the picture shows even steel: it can't show whether it moved.
         follow_bend : callable, optional
@@ -471,18 +472,23 @@ class ContradictionWatch:
             self._forget_ways(commanded)
             return
         self._wheels.add(commanded, shown, period)
-        if surprise is None:
+        if misfit is None:
             if not filled:
                 self._check_unread(profile)
             return
         self._way += way
-        off, aside = surprise
+        off, aside = misfit
+        if shown.speed * self._last_speed < 0:  # what the estimate is wrong by turns its sign
+            self._aside.clear()
+        self._last_speed = shown.speed or self._last_speed
         if way > CREEPING_SPEED * period:  # nothing bends at rest: what goes aside there is a jump
             self._aside.append((self._way, aside))
         contradicts = any(self._readings.add(off, max(way, LEAST_WAY_PER_READING)))
         self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
         leads_aside = abs(self._readings.means[1]) > BEND_LIMIT * LEAST_SCATTERS[1]
-        if self._doubt is not None or not (contradicts or (leads_aside and follow_bend)):
+        if self._doubt is not None or not (
+            contradicts or (leads_aside and follow_bend is not None)
+        ):
             return
         course = self._course()
         gyro_denies = BENDING_MISFIT < self.inertial.turn_misfit < inf
@@ -505,16 +511,16 @@ class ContradictionWatch:
         way, off = np.transpose(self._aside)
         straight = np.linalg.qr(np.stack((np.ones_like(way), way - way[0]), axis=1))[0]
         beyond, left = way[:, None] - way[1:-1], off - straight @ (straight.T @ off)
-        unexplained = [left @ left]
+        plain, likeliest = left @ left, []
         for course in (beyond > 0, np.maximum(beyond, 0)):
             shape = course - straight @ (straight.T @ course)
             fitted, norm = left @ shape, (shape**2).sum(axis=0)
             best = int(np.argmax(fitted**2 / norm))
-            unexplained.append(unexplained[0] - fitted[best] ** 2 / norm[best])
-        plain, jump, bend = unexplained
+            likeliest.append((plain - fitted[best] ** 2 / norm[best], fitted[best] / norm[best]))
+        (jump, _), (bend, steepness) = likeliest
         less = BEND_EVIDENCE ** (-2 / len(off))
         if bend < less * min(plain, jump):
-            return Course(bends=True, steepness=float(abs(fitted[best] / norm[best])))
+            return Course(bends=True, steepness=abs(float(steepness)))
         trend = float(np.polyfit(way, off, 1)[0])
         return Course(jumped=bool(jump < less * plain), steepness=abs(trend))
 

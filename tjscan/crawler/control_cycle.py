@@ -334,10 +334,10 @@ class ControlCycle:
         self.speed = state.odometry.speed
 
         profile, reading = self.joint.look(self.travel)
-        d, d_sigma, surprise = nan, nan, None
+        d, d_sigma, misfit = nan, nan, None
         if reading is not None:
             d, d_sigma = self.joint.seen[-1][0], reading.centre_sigma
-            surprise = method.read(d, d_sigma)
+            misfit = method.read(d, d_sigma)
         torch, jog = method.torch, devices.jog.offset
         path += jog
         aside = devices.torch_aside
@@ -376,7 +376,7 @@ class ControlCycle:
                 state.odometry,
                 period,
                 profile,
-                surprise,
+                misfit,
                 filled=filled,
                 follow_bend=self._follow_bend if aligns and twist != AT_REST else None,
             )

@@ -405,6 +405,7 @@ class Crawler:
         first = table.at(np.array(arc_from))
         self._run_up_to_strike(first, arc_from)
         self._guards.watch_weld(self._cycle.deviation, self._method.torch.sigma)
+        self._method.check_slip()
         self._arc.strike(first)
         burning = 0.0
         while self._cycle.travel < end:

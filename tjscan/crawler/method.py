@@ -89,6 +89,15 @@ class FollowingMethod(Protocol):
             or if the method knows straight joints alone.
         """
 
+    def check_slip(self) -> None:
+        """Look whether a vehicle can slip as was learned.
+
+        Raises
+        ------
+        CrawlStopped
+            If it can't, by what was stated of it: the joint was taken for another one.
+        """
+
     def keep_state(self) -> None:
         """Keep what is estimated now, so that it is smoothed by what is measured later."""
 

@@ -189,6 +189,9 @@ class PaperMethod:
         """False; see `FollowingMethod.follow_bend`."""
         return False
 
+    def check_slip(self) -> None:
+        """The paper knows of no slip."""
+
     def keep_state(self) -> None:
         """The paper smooths nothing."""
 

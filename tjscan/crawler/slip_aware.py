@@ -9,6 +9,7 @@ from typing import Annotated, Final
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
+from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
 from tjscan.core.units import MM, PER_M, SettingsTable
 from tjscan.crawler.method import OffsetEstimate, TorchEstimate
@@ -16,6 +17,7 @@ from tjscan.crawler.slip_estimator import (
     BEND_SPACING,
     RIPPLE_STATES,
     SETTLING_LENGTH,
+    SLIP_STATES,
     CrawlerGeometry,
     SlipEstimate,
     SlipEstimator,
@@ -50,6 +52,10 @@ DRIVE_LAG: Final = 0.05
 
 LIKELY_DELAY: Final = 0.04
 """Seconds over which a turn is late that is late by the delay of the odometry: half of 80 ms."""
+
+MOST_SLIP_MISFIT: Final = 20.0
+"""Of what was learned of slip, over its variance before anything was measured, summed over the
+eight quantities: one vehicle of a hundred. A joint that is not as assumed comes to more."""
 
 LEAST_YAW_EFFICIENCY: Final = 0.2
 """A vehicle that turned less would not be one that follows a joint."""
@@ -265,6 +271,23 @@ class SlipAwareMethod:
         self._estimator.estimate = self.slip.at_new_start(self._uncertainty)
         self._odometry = OdometryFilter(self._tracks)
         self._estimator.smoother.restart()
+
+    def check_slip(self) -> None:
+        """Look whether a vehicle can slip as was learned; see `FollowingMethod.check_slip`."""
+        first = SlipEstimate.before_any_reading(self._uncertainty)
+        off = (self.slip.x[SLIP_STATES] - first.x[SLIP_STATES]) / np.sqrt(
+            np.diag(first.P)[SLIP_STATES]
+        )
+        if off @ off > MOST_SLIP_MISFIT:
+            worst = int(np.abs(off).argmax())
+            name = SlipStateIndex(SLIP_STATES[worst]).name.lower().replace("_", " ")
+            raise CrawlStopped(
+                "joint bends",
+                f"the vehicle would slip as none does: its {name} is {abs(off[worst]):.1f} "
+                "standard deviations off what [slip] states. The joint bends otherwise than was "
+                "found, or has a radius: look at it, state course.radius_m, or make "
+                "alignment.length_mm longer",
+            )
 
     def keep_state(self) -> None:
         """Keep the state of now; see `FollowingMethod.keep_state`."""

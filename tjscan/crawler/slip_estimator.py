@@ -73,6 +73,10 @@ class SlipStateIndex(IntEnum):
 STATE_COUNT: Final = len(SlipStateIndex)
 
 UNSTEADY_STATES: Final = [SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.UNSTEADY_DRIFT]
+SLIP_STATES: Final = [*range(2, 6), *range(7, 11)]
+"""What a vehicle's slip is described by, without what is off for now: from ROTATION_CENTRE to CRAB,
+and from TURNING_CRAB to TURNING_DRIFT."""
+
 TURNING_STATES: Final = [
     SlipStateIndex.YAW_EFFICIENCY,
     SlipStateIndex.DRIFT,
@@ -330,7 +334,7 @@ what it is asked for, and a gyro's noise is small by then."""
 LONGEST_INCLINOMETER_LAG: Final = 1.0
 """Seconds: none is damped for longer, and none is ahead of the turn."""
 
-BEND_REACH, BEND_SPACING = 0.15, 10e-3
+BEND_REACH, BEND_SPACING = 0.25, 10e-3
 """Metres to either side of where a bend showed within which the joint may bend, and metres between
 the places there at which it is estimated."""
 
@@ -355,8 +359,7 @@ class SlipUncertainty(SettingsTable):
     ripple : float
         Likewise, of each of the four ripples.
     gyro, down : float
-        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians: by
-        default 0.01 degrees a second and 0.05 degrees, as small sensors of silicon have.
+        Of a gyro's turn rate over one second, rad/s, and of a direction of down, radians.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
     settled_centre_walk, gyro_bias_walk, joint_down_walk : float
         Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
@@ -389,8 +392,8 @@ class SlipUncertainty(SettingsTable):
     odometry_delay: Annotated[Deviation, SECONDS] = 0.05
     gyro_bias: Annotated[Deviation, MRAD_S] = 2e-3
     inclinometer_lag: Annotated[Deviation, SECONDS] = 0.2
-    gyro: Annotated[Deviation, MRAD_S] = 0.175e-3
-    down: Annotated[Deviation, MRAD] = 0.873e-3
+    gyro: Annotated[Deviation, MRAD_S] = 2e-4
+    down: Annotated[Deviation, MRAD] = 1e-3
     rotation_centre_walk: Annotated[Deviation, MM] = 10e-3
     yaw_efficiency_walk: Deviation = 0.01
     drift_walk: Annotated[Deviation, MRAD] = 0.2e-3
@@ -702,11 +705,11 @@ class SlipEstimator:
         self._misfit += off / sqrt(known)
         self._readings += 1
         self._correct(off, H, variance)
+        # What the corrected estimate left of the last reading was known before this one.
         self._aside += off - self._left
         self._left = d - laser_offset(self.estimate.x, self.geometry, self.estimate.bend)[0]
-        return off * sqrt(
-            min((variance + self._uncertainty.unevenness**2) / known, 1.0)
-        ), self._aside
+        own = min((variance + self._uncertainty.unevenness**2) / known, 1.0)
+        return off * sqrt(own), self._aside
 
     def read_inertial(
         self, gyro: Sequence[float], down: Sequence[float], period: float
