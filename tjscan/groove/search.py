@@ -17,14 +17,18 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove import kernel
-from tjscan.groove.candidates import ROUGH_REACH_SIGMAS, propose_candidates
+from tjscan.groove.candidates import (
+    ROUGH_REACH_SIGMAS,
+    find_pieces,
+    project_points,
+    propose_candidates,
+)
 from tjscan.groove.chains import (
     RIVAL_COST_MARGIN,
     SIDE_LENGTH_SLACK,
     WIDER_TOLERANCE_COST,
     ChainSearch,
 )
-from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
 from tjscan.groove.reflections import (
     PointRuns,
