@@ -292,7 +292,7 @@ class CandidateSides(NamedTuple):
 
     def as_curves(self, chain: list[int]) -> tuple[CubicCurve, ...]:
         """Some of them, each over its tangent in the middle."""
-        own = CandidateSides(*(value[chain] for value in self))
+        own = CandidateSides._make(value[chain] for value in self)
         u = 0.5 * (own.first + own.last)
         y, slope = own.heights_and_slopes(u)
         steep, zero = own.steepness, np.zeros(len(u))
@@ -383,7 +383,7 @@ def _best_ranges(pieces: Pieces, variance: float) -> NDArray[np.uint8]:
     start, stop = np.array((start, stop))[:, stop - start <= MOST_RANGE_PIECES]
     through = running_sums(pieces.moments.T).T
     sums = through[stop] - through[start]
-    points = running_sums((pieces.stop - pieces.first)[None])[0]
+    points = np.concatenate(([0], (pieces.stop - pieces.first).cumsum()))
     index, found = np.arange(count), []
     for kind in np.flatnonzero(_KIND_REACHES):
         coefficients, _ = _fit_sums(sums, KIND_BENDS[kind], variance)

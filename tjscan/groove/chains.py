@@ -206,7 +206,10 @@ class ChainSearch:
             Numbers of all a and b, and of all b and c, as `numpy.ix_` gives them.
         side : SideModel
         """
-        span, x, z, support = self._before[:, *after][:, None] - self._after[:, *before][..., None]
+        span, x, z, support = (
+            one[after] - other[before][..., None]
+            for one, other in zip(self._before, self._after, strict=True)
+        )
         square, least = x * x + z * z, np.maximum(LEAST_SUPPORT_SHARE * span, FEWEST_INNER_POINTS)
         fits = (span > 0) & (support >= least)
         fits &= square > (SIDE_LENGTH_SLACK * side.shortest) ** 2
