@@ -179,7 +179,7 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns) -> Pieces:
     u, y, z, noise = points
     first, stop = _divide_runs_in_blocks(runs, len(u))
     # What each point adds to the moments of its piece.
-    powers = u ** np.arange(5)[:, None]
+    powers = np.vander(u, 5, increasing=True).T
     sums = running_sums(z**4 * np.vstack((powers, y * powers[:3], y * y)))
     through = running_sums(sums[:, stop] - sums[:, first])
     costs = _costs_of_lines(through, 2 * NOISE_INFLATION * (noise**2 + LEAST_UNEVENNESS**2))
@@ -346,7 +346,7 @@ def _grow_seeds(pieces: Pieces, variance: float) -> NDArray[np.uint8]:
     # The first place of each piece, then the second of each.
     probes, heights = pieces.probes.T.ravel(), pieces.heights.T.ravel()
     steep, _ = _steepness_and_height(pieces.moments[seed])
-    powers = probes ** np.arange(3)[:, None]
+    powers = np.vander(probes, 3, increasing=True).T
     pairs = (powers[:, None] * powers).reshape(9, -1)
     # What a difference of y is square to the curve, in metres.
     scale = 1 / (heights * steep[:, None])
