@@ -126,7 +126,7 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
         margin = WELD_COST_MARGIN if form.sides[-2].roughness else RIVAL_COST_MARGIN
         if cost <= starts[0][0] + margin or all(fit.objection for fit in found):
             start = Polyline(candidates.as_curves(chain.sides), chain.corners, chain.cost)
-            found += _refine_chain(row, runs, form, start, settings, tolerance, found)
+            found += _refine_chain(row, runs, form, start, settings, found)
     if not found:
         raise _explain_missing_groove(search, model, row.points)
     likeliest = min(found, key=lambda fit: fit.cost)
@@ -157,10 +157,10 @@ def _refine_chain(
     model: GrooveModel,
     start: Polyline,
     settings: GrooveSettings,
-    tolerance: float,
     found: list[GrooveFit],
 ) -> list[GrooveFit]:
     """Refine a chain; none if its sides fit no points together, or lead to a fit that was found."""
+    tolerance = settings.support_tolerance
     known = [fit.fitted.corners for fit in found if fit.model is model]
     best: FittedProfile | None = None
     least = np.inf

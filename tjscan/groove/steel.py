@@ -9,8 +9,7 @@ known better from the sections before.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
-from math import hypot, inf, isfinite, log, sqrt
+from math import hypot, inf, log, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -32,11 +31,9 @@ from tjscan.groove.sides import (
     OUTLIER_SIGMAS,
     CubicCurve,
     GrooveFit,
-    Index,
     Polyline,
     corners_between_sides,
 )
-from tjscan.laser.profile import Profile
 
 PULL_REACH: Final = 4e-3
 """Distance from a notch in metres within which points are pulled in: real profiles
@@ -203,24 +200,19 @@ def _fit_steel(
 
 
 def _surfaces_through_blocks(along: Array, heights: Array) -> Array:
-    """Parabolas through three blocks each, shape (l, 3), that are not too steep for steel."""
-    a, b, c = _three_blocks(len(along))
-    sa, sb, sc = along[a], along[b], along[c]
-    first = (heights[b] - heights[a]) / (sb - sa)
-    bend = ((heights[c] - heights[b]) / (sc - sb) - first) / (sc - sa)
-    slope = first - bend * (sa + sb)
-    surfaces = np.column_stack((heights[a] - sa * (slope + sa * bend), slope, bend))
-    return np.asarray(surfaces[np.abs(surfaces[:, 1]) < STEEPEST_SLOPE_UNDER_SCALE])
+    """Parabolas through three blocks each, shape (l, 3), that are not too steep for steel.
 
-
-@lru_cache
-def _three_blocks(count: int) -> Index:
-    """Blocks through which surfaces are tried, far apart and evenly drawn of so many, (3, m)."""
-    first, last = np.triu_indices(count, max(2, count // 3))
-    every = -(-len(first) // MOST_TRIED_SURFACES)
-    first, last = first[::every], last[::every]
-    middle = first + (last - first) * np.resize(TRIED_MIDDLES, len(first))
-    return np.array((first, np.clip(middle, first + 1, last - 1), last), dtype=np.intp)
+    The three are far apart, and evenly drawn of so many.
+    """
+    a, c = np.triu_indices(len(along), max(2, len(along) // 3))
+    every = -(-len(a) // MOST_TRIED_SURFACES)
+    a, c = a[::every], c[::every]
+    b = np.clip(a + ((c - a) * np.resize(TRIED_MIDDLES, len(a))).astype(np.intp), a + 1, c - 1)
+    first = (heights[b] - heights[a]) / (along[b] - along[a])
+    bend = ((heights[c] - heights[b]) / (along[c] - along[b]) - first) / (along[c] - along[a])
+    slope = first - bend * (along[a] + along[b])
+    surfaces = np.array((heights[a] - along[a] * (slope + along[a] * bend), slope, bend)).T
+    return np.asarray(surfaces[np.abs(slope) < STEEPEST_SLOPE_UNDER_SCALE])
 
 
 def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
@@ -235,14 +227,11 @@ def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
     found[0] = np.minimum(bare, STRAY_BLOCK_COST).sum(axis=1)
     for k, step in enumerate(steps[1:].tolist(), 1):
         raised = (off + step) ** 2
-        on_scale = raised < bare
-        pays = np.minimum(np.minimum(raised, bare), STRAY_BLOCK_COST)
+        on_scale, pays = raised < bare, np.minimum(np.minimum(raised, bare), STRAY_BLOCK_COST)
         seen = pays < STRAY_BLOCK_COST
-        change = (on_scale[:, 1:] != on_scale[:, :-1]) & seen[:, 1:] & seen[:, :-1]
-        begins = np.where(
-            (on_scale & seen)[:, 0], log(SCALE_COVERED_SHARE), log(1 - SCALE_COVERED_SHARE)
-        )
-        found[k] = pays.sum(axis=1) + rarely * change.sum(axis=1) - 2 * begins
+        change = (np.diff(on_scale) & seen[:, 1:] & seen[:, :-1]).sum(axis=1)
+        begins = np.where((on_scale & seen)[:, 0], SCALE_COVERED_SHARE, 1 - SCALE_COVERED_SHARE)
+        found[k] = pays.sum(axis=1) + rarely * change - 2 * np.log(begins)
     return found
 
 
@@ -314,7 +303,7 @@ def _fit_without_scale(fit: GrooveFit, prior: GroovePrior | None, tolerance: flo
 def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> GrooveFit:
     """The fit behind where light between the faces pulls the notch in."""
     fitted, face = fit.fitted, len(fit.model.sides) - 2
-    log_pulls = _pull_log_likelihoods(*_estimate_pull(fit))
+    log_pulls = _pull_log_likelihoods(fit)
     probability = posterior(prior.log_pulls, log_pulls)
     pull = _mean_if_present(NOTCH_PULLS, probability)
     doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_RELATIVE_SIGMA * pull) ** 2
@@ -336,15 +325,6 @@ def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> G
     return _fit_moved_points(fit, pull * closeness, tolerance, tuple(curves))
 
 
-def _pull_log_likelihoods(pull: float, sigma: float) -> Array:
-    """Log-likelihood of each of `NOTCH_PULLS`, from an estimate and its standard deviation."""
-    if not isfinite(sigma):
-        return np.zeros(len(NOTCH_PULLS))
-    spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
-    density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
-    return np.log((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE)
-
-
 def _closeness_to_notch(points: Array, notch: Array) -> Array:
     """Share of the pull that points take, shape (n,): a raised cosine of their distance.
 
@@ -358,11 +338,10 @@ def _closeness_to_notch(points: Array, notch: Array) -> Array:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
 
 
-def _estimate_pull(fit: GrooveFit) -> tuple[float, float]:
-    """Estimate a pull from the flanks of a root with a face: weighted least squares.
+def _pull_log_likelihoods(fit: GrooveFit) -> Array:
+    """Log-likelihood of each of `NOTCH_PULLS`, from the flanks of a root with a face.
 
-    In metres, and its standard deviation, infinite where nothing shows it. It may come out
-    negative.
+    They give an estimate, by weighted least squares, which may come out negative.
     """
     row, fitted = fit.row, fit.fitted
     closeness = _closeness_to_notch(row.points, fitted.corners[-2:])
@@ -374,14 +353,13 @@ def _estimate_pull(fit: GrooveFit) -> tuple[float, float]:
         points = row.points[own]
         s, d = curve.local_coordinates(points)
         pull = -closeness[own] * curve.chord_sines_with_rays(points)
-        close = closeness[own] > 0
-        off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
         sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
-        used = fitted.keep[own] | (close & (np.abs(off) < 2 * OUTLIER_SIGMAS * sigma))
-        if np.count_nonzero(close & used) < FEWEST_PULLED_POINTS:
+        near = np.abs(curve.signed_distances(points)) < 2 * OUTLIER_SIGMAS * sigma
+        used = fitted.keep[own] | ((pull < 0) & near)
+        if np.count_nonzero(pull[used]) < FEWEST_PULLED_POINTS:
             continue
         expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
-        basis = np.stack([s[used] ** p for p in range(4)])
+        basis = np.vander(s[used], 4, increasing=True).T
         g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
         variance = sigma**2 * fitted.variance_inflation
         known = np.zeros(4)
@@ -391,14 +369,12 @@ def _estimate_pull(fit: GrooveFit) -> tuple[float, float]:
         value += float(left @ y) / variance
         information += float(left @ g) / variance
     if information <= 0:
-        return 0.0, inf
-    return value / information, 1 / sqrt(information)
-
-
-def _moved_along_rays(row: Profile, away: Array) -> Profile:
-    """Points moved away from the sensor along their rays, (n,) metres."""
-    x_s, z_s = (row.points + away[:, None] * unit_vectors(row.points)).T
-    return replace(row, x_s=x_s, z_s=z_s)
+        return np.zeros(len(NOTCH_PULLS))
+    sigma = 1 / sqrt(information)
+    spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
+    off = (value / information - NOTCH_PULLS) / spread
+    density = sigma / spread * np.exp(-0.5 * off**2)
+    return np.log((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE)
 
 
 def _mean_if_present(values: Array, probability: Array) -> float:
@@ -414,7 +390,8 @@ def _fit_moved_points(
     met = corners_between_sides(curves, fit.fitted.corners)
     if met is None or not back.any():
         return fit
-    moved = _moved_along_rays(fit.row, back)
+    x_s, z_s = (fit.row.points + back[:, None] * unit_vectors(fit.row.points)).T
+    moved = replace(fit.row, x_s=x_s, z_s=z_s)
     start = Polyline(curves, met[0], fit.cost)
     again = refine_fit(moved, start, fit.model.sides, tolerance, annealed=False)
     return fit if again is None else replace(fit, row=moved, fitted=again)
