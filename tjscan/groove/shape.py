@@ -23,6 +23,7 @@ import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
 from tjscan.groove import kernel
+from tjscan.groove.prior import TRIED_NOTCH_PULLS
 from tjscan.groove.refinement import (
     coefficient_covariances,
     prior_weights,
@@ -67,13 +68,10 @@ FACE_END_SHARE: Final = 0.1
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
 
-TRIED_NOTCH_PULLS: Final = 1e-3 * np.array(
-    (0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0)
-)
 TRIED_PULL_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
 TRIED_PULL_DECAYS: Final = 1e-3 * np.array((0.7, 1.0, 1.4))
-"""How far a notch may be pulled in, and how far up its flanks that may be seen, if it ends there,
-or over which length it decays, in metres."""
+"""How far up its flanks a notch that is pulled in may be seen to be, if it ends there, or over
+which length that decays, in metres."""
 
 STEEPEST_PULL: Final = 0.8
 """A pull is smooth: it grows by no greater share of the way along its flank."""
@@ -90,6 +88,9 @@ NOTCH_REGION_LENGTH: Final = 8e-3
 FACE_POINT_SHARES: Final = (0.15, 0.35, 0.5, 0.65, 0.85)
 FEWEST_FACE_POINTS: Final = 8
 """Where, as shares of its points, those lie that propose flatter faces; fewest points for that."""
+
+LEAST_LIKELIHOOD: Final = 1e-12
+"""Of a pull over that of none: less is none."""
 
 LEAST_TURN_SINE: Final = 0.15
 """Least sine of the turn between a flank and a face that have a corner."""
@@ -151,6 +152,29 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     k : int
         Number of a side between two others.
     """
+    weight, inward = _weigh_pulls(row, fitted, k)
+    total = float(weight.sum())
+    odds = PULL_PRIOR_ODDS * total / (max(len(weight), 1) * np.count_nonzero(SMOOTH_PULLS))
+    if odds < 1e-4:
+        return NO_PULL
+    share = weight[:, None] / total
+    mean, square = (np.sum(share * inward**power, axis=(0, 2, 3)) for power in (1, 2))
+    return NotchPull(odds / (1 + odds), mean, np.sqrt(np.maximum(square - mean**2, 0)))
+
+
+def pull_log_likelihoods(row: Profile, fitted: FittedProfile, k: int) -> Array:
+    """Log-likelihood of no pull, zero, and of each of `TRIED_NOTCH_PULLS`, shape (1 + p,).
+
+    For the parameters see `find_pull`.
+    """
+    weight, _ = _weigh_pulls(row, fitted, k)
+    ways = max(len(weight), 1) * SMOOTH_PULLS.sum(axis=1)
+    likely = np.maximum(weight.sum(axis=(0, 2)) / ways, LEAST_LIKELIHOOD)
+    return np.asarray(np.log(np.append(1.0, likely)))
+
+
+def _weigh_pulls(row: Profile, fitted: FittedProfile, k: int) -> tuple[Array, Array]:
+    """Likelihood over that of no pull, (f, p, r), for f faces, and both corners, (f, 2, p, 1)."""
     face, places = fitted.curves[k], (fitted.places[k - 1][1], fitted.places[k][0])
     limits = OUTLIER_SIGMAS * np.maximum(fitted.sigmas, LEAST_NOISE)
     flat = float(limits[k])
@@ -175,19 +199,10 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
             faces.append((line, (0.0, 0.0), flat))
     found = [_pull_costs(*one, flanks, points, bearings) for one in faces]
     known = [pair for pair in found if pair is not None]
-    if not known:
-        return NO_PULL
-    costs = np.array([cost for cost, _ in known])
-    inward = np.array([corners for _, corners in known])[:, :, :, None]
-    inflation = fitted.variance_inflation
-    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * SMOOTH_PULLS
-    total = float(weight.sum())
-    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(SMOOTH_PULLS))
-    if odds < 1e-4:
-        return NO_PULL
-    share = weight[:, None] / total
-    mean, square = (np.sum(share * inward**power, axis=(0, 2, 3)) for power in (1, 2))
-    return NotchPull(odds / (1 + odds), mean, np.sqrt(np.maximum(square - mean**2, 0)))
+    costs = np.array([cost for cost, _ in known]).reshape(-1, *SMOOTH_PULLS.shape)
+    inward = np.array([corners for _, corners in known]).reshape(-1, 2, len(SMOOTH_PULLS), 1)
+    explained = (now - costs) * OUTLIER_SIGMAS**2 / 2 / fitted.variance_inflation
+    return np.asarray(np.exp(explained) * SMOOTH_PULLS), inward
 
 
 def _build_flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:

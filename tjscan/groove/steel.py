@@ -26,6 +26,7 @@ from tjscan.groove.prior import (
 )
 from tjscan.groove.refinement import refine_fit
 from tjscan.groove.reflections import reflection_probability
+from tjscan.groove.shape import pull_log_likelihoods
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -41,13 +42,6 @@ show 3 to 5 mm."""
 
 PULL_RELATIVE_SIGMA: Final = 0.15
 """Share of itself by which a pull is uncertain, for its reach is."""
-
-FEWEST_PULLED_POINTS: Final = 4
-"""Points about a notch that show a pull."""
-
-MISLEADING_FLANK_SHARE: Final = 0.02
-"""Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
-
 
 POINTS_PER_SCALE_BLOCK: Final = 6
 """Points that are averaged."""
@@ -303,7 +297,7 @@ def _fit_without_scale(fit: GrooveFit, prior: GroovePrior | None, tolerance: flo
 def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> GrooveFit:
     """The fit behind where light between the faces pulls the notch in."""
     fitted, face = fit.fitted, len(fit.model.sides) - 2
-    log_pulls = _pull_log_likelihoods(fit)
+    log_pulls = pull_log_likelihoods(fit.row, fitted, face)
     probability = posterior(prior.log_pulls, log_pulls)
     pull = _mean_if_present(NOTCH_PULLS, probability)
     doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_RELATIVE_SIGMA * pull) ** 2
@@ -336,45 +330,6 @@ def _closeness_to_notch(points: Array, notch: Array) -> Array:
     """
     away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
-
-
-def _pull_log_likelihoods(fit: GrooveFit) -> Array:
-    """Log-likelihood of each of `NOTCH_PULLS`, from the flanks of a root with a face.
-
-    They give an estimate, by weighted least squares, which may come out negative.
-    """
-    row, fitted = fit.row, fit.fitted
-    closeness = _closeness_to_notch(row.points, fitted.corners[-2:])
-    value, information = 0.0, 0.0
-    last = len(fitted.curves) - 1
-    for k in (last - 2, last):
-        own, side = fitted.spans[k], fit.model.sides[k]
-        curve = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
-        points = row.points[own]
-        s, d = curve.local_coordinates(points)
-        pull = -closeness[own] * curve.chord_sines_with_rays(points)
-        sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
-        near = np.abs(curve.signed_distances(points)) < 2 * OUTLIER_SIGMAS * sigma
-        used = fitted.keep[own] | ((pull < 0) & near)
-        if np.count_nonzero(pull[used]) < FEWEST_PULLED_POINTS:
-            continue
-        expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
-        basis = np.vander(s[used], 4, increasing=True).T
-        g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
-        variance = sigma**2 * fitted.variance_inflation
-        known = np.zeros(4)
-        known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
-        taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))
-        left = g - taken[:, 0] @ basis
-        value += float(left @ y) / variance
-        information += float(left @ g) / variance
-    if information <= 0:
-        return np.zeros(len(NOTCH_PULLS))
-    sigma = 1 / sqrt(information)
-    spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
-    off = (value / information - NOTCH_PULLS) / spread
-    density = sigma / spread * np.exp(-0.5 * off**2)
-    return np.log((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE)
 
 
 def _mean_if_present(values: Array, probability: Array) -> float:
