@@ -49,9 +49,8 @@ runs, and noise is correlated, so that a point counts for a part of an independe
 LEAST_READING_ODDS: Final = 0.01
 """Readings less likely than this, over the likeliest, are left out."""
 
-REFLECTION_DISTANCE, NOTCH_REFLECTION_DISTANCE = 3e-3, 4e-3
-"""How far reflections lie off the surface, in metres, and those that look like a bead's face, where
-light finds many ways between the flanks."""
+REFLECTION_DISTANCE: Final = 3e-3
+"""How far reflections lie off the surface, in metres."""
 
 SHARE_ENDING_AT_SURFACE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
 """Share of the reflections that end so near the surface, by chance, that no jump shows."""
@@ -70,10 +69,6 @@ FEWEST_HIDING: Final = 3
 
 THICKEST_SCALE: Final = 0.5e-3
 """What hangs together with a side, and is farther off it, in metres, is no mill scale."""
-
-SAME_READING_DISTANCE: Final = 0.05e-3
-"""Readings whose corners differ by less, in metres, are one."""
-
 
 LEAST_CAP, MOST_CAP = 5e-3, 30e-3
 CAP_HEIGHT: Final = 0.5e-3
@@ -238,20 +233,15 @@ def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit], odds: list
 
     It adds nothing to the angles of wall and leg, the last two.
     """
-    moments: list[tuple[float, Array]] = []
-    for other, weight in zip(others, odds, strict=True):
-        if weight < LEAST_READING_ODDS:
-            break
-        away = np.zeros(2 * len(best.model.sides))
+    covariance = np.zeros((2 * len(best.model.sides),) * 2)
+    likely = [(other, share) for other, share in zip(others, odds, strict=True)]
+    likely = [(other, share) for other, share in likely if share >= LEAST_READING_ODDS]
+    total = 1 + sum(share for _, share in likely)
+    for other, share in likely:
+        away = np.zeros(len(covariance))
         for i, j in matched_corners(best.model, other.model):
             away[2 * i : 2 * i + 2] = other.fitted.corners[j] - best.fitted.corners[i]
-        known = (np.zeros_like(away), *(v for _, v in moments))
-        if min(np.abs(away - v).max() for v in known) > SAME_READING_DISTANCE:
-            moments.append((weight, away))
-    covariance = np.zeros((2 * len(best.model.sides),) * 2)
-    total = 1 + sum(weight for weight, _ in moments)
-    for weight, away in moments:
-        covariance += weight / total * np.outer(away, away)
+        covariance += share / total * np.outer(away, away)
     return covariance
 
 
@@ -358,8 +348,8 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     that a side goes on with beyond its corner. If they are several, thicker than scale, and begin
     at a corner, it may be at any of them.
     """
-    fitted, sides = fit.fitted, fit.model.sides
-    covariance = np.zeros((2 * len(sides),) * 2)
+    fitted = fit.fitted
+    covariance = np.zeros((2 * len(fitted.curves),) * 2)
     off = ~fitted.points_on_sides
     if np.count_nonzero(off) < FEWEST_HIDING:
         return covariance
@@ -377,12 +367,8 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
             if not (joined or _is_on_sides(fitted, fit.row.points[a:b], i)):
                 continue
             if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
-                # A bead behind which steel is seen at one end is not there at the other, either.
-                behind = joined and fitted.residuals[a] > 0
-                others = [j for j in (i - 1, i + 1) if behind and sides[max(i, j)].bead]
-                for j in (i, *others):
-                    own = slice(2 * j, 2 * j + 2)
-                    covariance[own, own] += away.T @ away / len(away)
+                own = slice(2 * i, 2 * i + 2)
+                covariance[own, own] += away.T @ away / len(away)
     return covariance
 
 
@@ -397,9 +383,7 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
     meets = corners_seen_from_both_sides(fitted)
     from_wall, from_leg = (np.logical_and.accumulate(m) for m in (meets, meets[::-1]))
     for k, side in enumerate(sides[1:-1], 1):
-        hides = side.bead and (
-            is_outnumbered(row, fitted, k) or count_points_seen_through_face(row, fitted, k)
-        )
+        hides = side.bead and is_outnumbered(row, fitted, k)
         together = meets[k - 1 : k + 1]
         # A face that goes over into both sides is steel; a bevel's end may be light all the same.
         if side.bead and together.all() and not hides:
@@ -419,7 +403,6 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
             continue
         away = np.zeros(len(covariance))
         for i in (k - 1, k):
-            distance = NOTCH_REFLECTION_DISTANCE if side.bead else REFLECTION_DISTANCE
-            away[2 * i : 2 * i + 2] = distance * fitted.corner_shift(i, k)
+            away[2 * i : 2 * i + 2] = REFLECTION_DISTANCE * fitted.corner_shift(i, k)
         covariance += probability * np.outer(away, away)
     return covariance

@@ -86,9 +86,6 @@ FEWEST_TOE_POINTS: Final = 4
 LEAST_TOE_SIGMA: Final = 0.03e-3
 """Least standard deviation of a toe along its flank, in metres: no bead begins as a line."""
 
-SEEN_TOE_DISTANCE: Final = 0.5e-3
-"""A flank that is seen up to its toe ends no farther from it, in metres."""
-
 UNSEEN_TOE_SIGMA: Final = 5e-3
 """The same if too few points show it."""
 
@@ -192,7 +189,7 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
         total[k : k + 2, k : k + 2] += _covariance_along_side(
             fitted.curves[flank], s, sigma, height[flank]
         )
-    surface = _weld_surface(fit, toes[0][-1], toes[1][-1])
+    surface = _weld_surface(fit, slice(toes[0][-1], toes[1][-1] + 1))
     chord = corners[2] - corners[1]
     width = float(np.linalg.norm(chord))
     above = (surface - corners[1]) @ (-chord[1], chord[0]) / width
@@ -264,19 +261,18 @@ def _find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
             sigma = sqrt(share * max(spread[0], 0.0)) / sine + LEAST_TOE_SIGMA
             # If the flank ends well before, an undercut or a hole hides the toe.
             gap = float(gaps_beside_corners(fitted)[-1 - (order > 0), int(order < 0)])
-            sigma += max(abs(met[0] - start) - SEEN_TOE_DISTANCE, 0.0)
             return met[0], sigma + (gap if gap > MEETING_REACH else 0.0), first
     return start, UNSEEN_TOE_SIGMA, first
 
 
-def _weld_surface(fit: GrooveFit, first: int, last: int) -> Array:
-    """Points of a weld's surface, shape (m, 2), of those from `first` to `last`, in metres."""
-    points = fit.row.points[first : last + 1]
+def _weld_surface(fit: GrooveFit, between: slice) -> Array:
+    """Points of a weld's surface, shape (m, 2), of those between its toes, in metres."""
+    points = fit.row.points[between]
     if not len(points):
         return points
     near = np.abs(fit.fitted.curves[-2].signed_distances(points)) < SURFACE_REACH
     # What hangs together with it is of the surface, too, however high it is.
-    runs = find_runs(points, fit.row.columns[first : last + 1])
+    runs = find_runs(points, fit.row.columns[between])
     return np.asarray(points[np.logical_or.reduceat(near, runs.first).repeat(runs.count)])
 
 
@@ -318,11 +314,8 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     under = _first_point_under_bevel(row, leg, last, apex_leg, on_leg)
     if opening > LEAST_OPENING and under is not None:
         step = _column_spacing_along_bevel(row, bevel, last, on_bevel)
-        # A root face or a rounded edge that goes on from the bevel leaves it slowly.
-        sure = OUTLIER_SIGMAS * max(float(fitted.sigmas[-2]), LEAST_NOISE)
-        surely = int(np.flatnonzero((off_bevel < min(sure, tolerance))[: last + 1])[-1])
-        hidden = abs(int(row.columns[under] - row.columns[surely]))
-        s3 = bevel.position_along_chord(*row.points[surely].tolist()) + 0.5 * step * hidden
+        hidden = abs(int(row.columns[under] - row.columns[last]))
+        s3 = s_last + 0.5 * step * hidden
         p3 = bevel.point_on_curve(s3)
         s4 = leg.position_along_chord(*p3)
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.
