@@ -134,20 +134,19 @@ def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
     heights = np.sort(d[blocks], axis=1)[:, INNER_POINTS].mean(axis=1)
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
     correlated = min(fitted.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
-    sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
-    expected = np.array((0.0, 0.0, side.expected_bend or 0.0))
-    prior = expected, np.diag((0.0, 0.0, side.bend**-2))
+    sigma, expected = hypot(least * sqrt(correlated), BLOCK_UNDULATION), side.expected_bend or 0.0
     surfaces = np.vstack((_surfaces_through_blocks(along, heights), (base.c0, base.c1, base.c2)))
-    off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
+    off = heights - surfaces @ np.vander(along, 3, increasing=True).T
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
-    costs += ((surfaces[:, 2] - expected[2]) / side.bend) ** 2
+    costs += ((surfaces[:, 2] - expected) / side.bend) ** 2
     cheapest = costs.min(axis=1)
     log_thicknesses = -0.5 * BLOCK_EVIDENCE_WEIGHT * (cheapest - cheapest[0])
     thickness = _mean_if_present(SCALE_THICKNESSES, posterior(known, log_thicknesses))
     cost = costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
     best = int(cost.argmin())
+    known_bend = expected, side.bend
     on_scale, surface, bend, bend_sigma = _fit_steel(
-        (s, d), surfaces[best], thickness, sigma, prior
+        (s, d), surfaces[best], thickness, sigma, known_bend
     )
     c0, c1, c2 = surface.tolist()
     likely = np.exp(-0.5 * BLOCK_EVIDENCE_WEIGHT * (cost - cost[best]))
@@ -169,22 +168,23 @@ def _fit_steel(
     surface: Array,
     thickness: float,
     sigma: float,
-    prior: tuple[Array, Array],
+    known_bend: tuple[float, float],
 ) -> tuple[NDArray[np.bool_], Array, float, float]:
     """Which points, s and d, lie on scale; the steel; its bend and sigma by the points alone."""
-    (s, d), (expected, known) = points, prior
-    basis = np.stack((np.ones_like(s), s, s**2))
+    (s, d), (expected, spread) = points, known_bend
+    basis = np.vander(s, 3, increasing=True).T
+    known = np.diag((0.0, 0.0, spread**-2))
     for _ in range(MOST_STEEL_ROUNDS):
         off = d - surface @ basis
         on_scale = (np.abs(off + thickness) < np.abs(off)) & (thickness > 0)
         raised = np.where(on_scale, d + thickness, d)
         used = np.abs(raised - surface @ basis) < OUTLIER_SIGMAS * sigma
         if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * POINTS_PER_SCALE_BLOCK:
-            return on_scale, surface, float(expected[2]), inf
+            return on_scale, surface, expected, inf
         # A block's standard deviation is a mean's: its points count as one.
         weighted = basis[:, used] / (POINTS_PER_SCALE_BLOCK * sigma**2)
         information, seen = weighted @ basis[:, used].T, weighted @ raised[used]
-        surface = np.asarray(np.linalg.solve(information + known, seen + known @ expected))
+        surface = np.asarray(np.linalg.solve(information + known, seen + known[2] * expected))
     alone = np.linalg.inv(information)
     return on_scale, surface, float((alone @ seen)[2]), sqrt(max(float(alone[2, 2]), 0.0))
 
@@ -238,7 +238,7 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    if prior is None and (not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))):
+    if prior is None and not any(_has_mill_scale_steps(fit, k) for k in (0, -1)):
         return fit
     bare = _fit_without_scale(fit, prior, tolerance)
     if prior is None or not fit.model.sides[-2].bead:
@@ -298,7 +298,9 @@ def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> G
         at = fitted.corners[corner][None]
         sine = float(fitted.curves[face].chord_sines_with_rays(at)[0])
         shift[2 * corner : 2 * corner + 2] = sine * fitted.corner_shift(corner, face)
-    closeness = _closeness_to_notch(fit.row.points, fitted.corners[-2:])
+    # Points take a raised cosine of their distance from the nearer corner.
+    away = np.linalg.norm(fit.row.points[:, None] - fitted.corners[-2:], axis=2).min(axis=1)
+    closeness = 0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0))
     # At its ends the face is pulled in most. Few of its points would be bent by less between.
     closeness[fitted.spans[face]] = 1.0
     curves = list(fitted.curves)
@@ -309,19 +311,6 @@ def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> G
     covariance = fit.steel_covariance + doubt * np.outer(shift, shift)
     fit = replace(fit, steel_covariance=covariance, evidence=evidence)
     return _fit_moved_points(fit, pull * closeness, tolerance, tuple(curves))
-
-
-def _closeness_to_notch(points: Array, notch: Array) -> Array:
-    """Share of the pull that points take, shape (n,): a raised cosine of their distance.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-    notch : ndarray, shape (m, 2)
-        Its corners, x and z in metres.
-    """
-    away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
 
 
 def _mean_if_present(values: Array, probability: Array) -> float:
