@@ -314,8 +314,11 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     under = _first_point_under_bevel(row, leg, last, apex_leg, on_leg)
     if opening > LEAST_OPENING and under is not None:
         step = _column_spacing_along_bevel(row, bevel, last, on_bevel)
-        hidden = abs(int(row.columns[under] - row.columns[last]))
-        s3 = s_last + 0.5 * step * hidden
+        # A root face or a rounded edge that goes on from the bevel leaves it slowly.
+        sure = OUTLIER_SIGMAS * max(float(fitted.sigmas[-2]), LEAST_NOISE)
+        surely = int(np.flatnonzero((off_bevel < min(sure, tolerance))[: last + 1])[-1])
+        hidden = abs(int(row.columns[under] - row.columns[surely]))
+        s3 = bevel.position_along_chord(*row.points[surely].tolist()) + 0.5 * step * hidden
         p3 = bevel.point_on_curve(s3)
         s4 = leg.position_along_chord(*p3)
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.

@@ -25,6 +25,7 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
+from tjscan.groove.reflections import reflection_probability
 from tjscan.groove.shape import pull_log_likelihoods
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -78,6 +79,9 @@ BLOCK_EVIDENCE_WEIGHT: Final = 0.5
 MISTAKEN_LEVEL_SHARE: Final = 0.1
 """Share of the corners beside which steel is taken for scale, or scale for steel: one in ten of
 simulated ones."""
+
+MOST_REFLECTED_BESIDE_SCALE: Final = 0.08
+"""Share of reflections up to which scale is looked for a second time."""
 
 STEP_BLOCK, FEWEST_SCALE_STEPS = 5, 2
 LEAST_SCALE_STEP: Final = 0.12e-3
@@ -241,6 +245,10 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     if prior is None and not any(_has_mill_scale_steps(fit, k) for k in (0, -1)):
         return fit
     bare = _fit_without_scale(fit, prior, tolerance)
+    moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
+    if moved and reflection_probability(bare.fitted) < MOST_REFLECTED_BESIDE_SCALE:
+        # From there scale is seen that was too far off before.
+        bare = _fit_without_scale(replace(bare, row=fit.row), prior, tolerance)
     if prior is None or not fit.model.sides[-2].bead:
         return bare
     return _fit_without_pull(bare, prior, tolerance)
