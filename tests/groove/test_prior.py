@@ -96,7 +96,7 @@ def test_a_prior_and_a_fit_make_the_product_of_two_normal_distributions() -> Non
 
 def test_likelihoods_on_a_grid_make_that_product_too() -> None:
     (m, s), (x, t) = (0.25 * MM, 0.05 * MM), (0.20 * MM, 0.04 * MM)
-    values = np.arange(21) * 25 * MICRON
+    values = np.linspace(0, 0.5 * MM, 21)
     p = posterior(about(values, m, s), about(values, x, t))
     variance = 1 / (1 / s**2 + 1 / t**2)
     assert p @ values == pytest.approx(variance * (m / s**2 + x / t**2), rel=1e-3)
