@@ -234,15 +234,12 @@ class ChainSearch:
 @lru_cache
 def _form_values(model: GrooveModel) -> Array:
     """What the compiled kernel knows of a form, shape (k, 7)."""
-    kinds = [sum(1 << kind for kind in own) for own in kinds_of_sides(model)]
-    turns = [*((turn.least, turn.most) for turn in model.turns), (0.0, 0.0)]
-    ends = [model.across.least, model.across.most, *[0.0] * len(turns)]
-    return np.array(
-        [
-            (kind, side.shortest, side.longest, side.bead, *turn, end)
-            for kind, side, turn, end in zip(kinds, model.sides, turns, ends, strict=False)
-        ]
-    )
+    values = np.zeros((len(model.sides), 7))
+    values[:, 0] = [sum(1 << kind for kind in own) for own in kinds_of_sides(model)]
+    values[:, 1:4] = [(side.shortest, side.longest, side.bead) for side in model.sides]
+    values[:-1, 4:6] = [(turn.least, turn.most) for turn in model.turns]
+    values[:2, 6] = model.across.least, model.across.most
+    return values
 
 
 def kinds_of_sides(model: GrooveModel) -> list[tuple[int, ...]]:

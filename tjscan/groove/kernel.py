@@ -54,17 +54,8 @@ def fit_record(k: int) -> Array:
 @lru_cache
 def model_values(model: tuple[SideModel, ...]) -> Array:
     """What a compiled fit knows of each side, shape (k, 6)."""
-    square, cube = SCALING_LENGTH**2, SCALING_LENGTH**3
-    return np.array(
-        [
-            (
-                side.bend * square,
-                side.twist * cube,
-                (side.expected_bend or 0.0) * square,
-                side.roughness,
-                side.bead,
-                side.expected_bend is not None,
-            )
-            for side in model
-        ]
-    )
+    values = [
+        (s.bend, s.twist, s.expected_bend or 0.0, s.roughness, s.bead, s.expected_bend is not None)
+        for s in model
+    ]
+    return np.array(values) * (SCALING_LENGTH ** np.array((2, 3, 2, 0, 0, 0)))

@@ -14,6 +14,7 @@ from math import exp, inf
 from typing import Final
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 from tjscan.groove.settings import GrooveModel
@@ -167,17 +168,10 @@ class GroovePrior:
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:
     """Probabilities of values, shape (..., n), by Bayes' rule from logarithms of any offset."""
-    return np.exp(_normalise_log_probabilities(log_prior + log_likelihood))
-
-
-def _normalise_log_probabilities(log_share: Array) -> Array:
-    log_share = log_share - log_share.max(axis=-1, keepdims=True)
-    return np.asarray(log_share - np.log(np.exp(log_share).sum(axis=-1, keepdims=True)))
+    return np.asarray(scipy.special.softmax(log_prior + log_likelihood, axis=-1))
 
 
 def _mix_with_base_probabilities(log_share: Array, log_base: Array) -> Array:
     """Logarithm of probabilities that also count what is likely without anything known."""
-    share = (1 - SCALE_CHANGE_PROBABILITY) * np.exp(
-        _normalise_log_probabilities(log_share)
-    ) + SCALE_CHANGE_PROBABILITY * np.exp(log_base)
-    return np.asarray(np.log(share))
+    share = (1 - SCALE_CHANGE_PROBABILITY) * posterior(log_share, np.zeros_like(log_share))
+    return np.asarray(np.log(share + SCALE_CHANGE_PROBABILITY * np.exp(log_base)))

@@ -167,7 +167,7 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     ----------
     best : GrooveFit
     others : list of GrooveFit
-        Fits of the same points, of any form of the groove.
+        Fits of the same points, of any form of the groove, the likeliest first.
     """
     bare = without_seam_cap(best.fitted)
     surely = best if bare is best.fitted else replace(best, fitted=bare)
@@ -175,43 +175,30 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     covariance = _covariance_of_readings(best, others, odds)
     covariance += _reflection_covariance(surely) + _unmodelled_steel_covariance(surely)
     # Each form counts once, by its own likeliest reading. What reflections hide may be of any form.
-    forms: dict[str, float] = {}
-    for other, share in zip(others, odds, strict=True):
-        if other.model is not best.model:
-            forms[other.model.name] = max(share, forms.get(other.model.name, 0.0))
+    each = zip(reversed(others), reversed(odds), strict=True)
+    forms = {other.model.name: share for other, share in each if other.model is not best.model}
     probability = (1 - reflection_probability(surely.fitted)) / (1 + sum(forms.values()))
     return replace(best, other_readings=covariance, probability=probability)
 
 
-def _find_seam_cap(fitted: FittedProfile) -> slice:
-    """Points of a bump on the last side that may be a weld's cap; none if there is none."""
+def without_seam_cap(fitted: FittedProfile) -> FittedProfile:
+    """The same with a weld's cap on the leg taken for its surface; itself if it shows no cap."""
     own = fitted.spans[-1]
     s, d = fitted.along[own], -fitted.residuals[own]
     if d.max(initial=0.0) <= CAP_HEIGHT:
-        return slice(0)
+        return fitted
     starts, stops = stretches_of_true_values(d > 0.3 * CAP_HEIGHT)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
         # What begins at the corner hides it.
         if not (a and LEAST_CAP < width < MOST_CAP and CAP_HEIGHT < height < width / 2):
             continue
-        steps = np.abs(np.diff(d[a:b]))
-        if (
-            min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
-            and steps.max() < MOST_CAP_STEP_SHARE * height
-        ):
-            return slice(own.start + a, own.start + b)
-    return slice(0)
-
-
-def without_seam_cap(fitted: FittedProfile) -> FittedProfile:
-    """The same with a weld's cap on the leg taken for its surface; itself if it shows no cap."""
-    cap = _find_seam_cap(fitted)
-    if not cap.stop:
-        return fitted
-    residuals = fitted.residuals.copy()
-    residuals[cap] = 0.0
-    return replace(fitted, residuals=residuals)
+        low = min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
+        if low and np.abs(np.diff(d[a:b])).max() < MOST_CAP_STEP_SHARE * height:
+            residuals = fitted.residuals.copy()
+            residuals[own][a:b] = 0.0
+            return replace(fitted, residuals=residuals)
+    return fitted
 
 
 def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
@@ -234,10 +221,9 @@ def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit], odds: list
     It adds nothing to the angles of wall and leg, the last two.
     """
     covariance = np.zeros((2 * len(best.model.sides),) * 2)
-    likely = [(other, share) for other, share in zip(others, odds, strict=True)]
-    likely = [(other, share) for other, share in likely if share >= LEAST_READING_ODDS]
-    total = 1 + sum(share for _, share in likely)
-    for other, share in likely:
+    likely = [share for share in odds if share >= LEAST_READING_ODDS]
+    total = 1 + sum(likely)
+    for other, share in zip(others, likely, strict=False):
         away = np.zeros(len(covariance))
         for i, j in matched_corners(best.model, other.model):
             away[2 * i : 2 * i + 2] = other.fitted.corners[j] - best.fitted.corners[i]

@@ -180,7 +180,7 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
 def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p3 and p4 are the toes of the weld, which bounds the area that is left."""
     fitted, weld = fit.fitted, len(fit.fitted.curves) - 2
-    height = np.sqrt(_height_variances(fitted))
+    height = _height_sigmas(fitted)
     total = _covariance_of_top_and_angles(covariance - fit.other_readings) + fit.other_readings
     toes = [(flank, *_find_toe(fit, flank)) for flank in (weld - 1, weld + 1)]
     points = [fitted.curves[flank].point_on_curve(s) for flank, s, *_ in toes]
@@ -309,7 +309,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     last += int(np.logical_and.accumulate(on_bevel[last + 1 : turn]).sum())
     s_last = bevel.position_along_chord(*row.points[last].tolist())
     opening = abs(float(leg.signed_distances(np.array([bevel.point_on_curve(s_last)]))[0]))
-    height = np.sqrt(_height_variances(fitted))
+    height = _height_sigmas(fitted)
     total = _covariance_of_top_and_angles(covariance)
     under = _first_point_under_bevel(row, leg, last, apex_leg, on_leg)
     if opening > LEAST_OPENING and under is not None:
@@ -378,11 +378,11 @@ def _column_spacing_along_bevel(
     return float((s[-1] - s[0]) / max(int(columns), 1))
 
 
-def _height_variances(fitted: FittedProfile) -> Array:
-    """Variance of each side's height at one of its ends, in m², shape (k,)."""
+def _height_sigmas(fitted: FittedProfile) -> Array:
+    """Standard deviation of each side's height at one of its ends, in metres, shape (k,)."""
     # A line's height at its end is known half as well as in its middle.
     share = np.minimum(4 * fitted.variance_inflation / fitted.counts, 1.0)
-    return np.asarray(fitted.sigmas**2 * share)
+    return np.asarray(fitted.sigmas * np.sqrt(share))
 
 
 def _covariance_of_top_and_angles(covariance: Array) -> Array:
