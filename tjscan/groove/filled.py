@@ -283,7 +283,8 @@ def _filled_groove(
     _add_face(covariance, (0, 1, 6), wall, s_wall, by_wall)
     # A weld may go on where a face does that ends at its corner.
     inner = np.array((top, root, leg.curve.point_on_curve(0.0)))
-    at_top, at_root, at_leg = _bearings(points).searchsorted(_bearings(inner)).tolist()
+    bearings, inner = (-side[:, 0] / side[:, 1] for side in (points, inner))
+    at_top, at_root, at_leg = bearings.searchsorted(inner).tolist()
     own = slice(at_top, at_root) if flank is bevel else slice(0, at_top)
     begin = own.start + flank.end_on(points[own])
     stop = len(points) - leg.end_on(points[max(at_leg, begin) :][::-1])
@@ -308,10 +309,6 @@ def _filled_groove(
         absent=() if flank is bevel else ("p2",),
     )
     return FilledGroove(section, points, sigmas, weld)
-
-
-def _bearings(points: Array) -> Array:
-    return np.asarray(-points[:, 0] / points[:, 1])
 
 
 def _add_face(

@@ -155,12 +155,6 @@ def estimate_variance_inflation(
     return inflation
 
 
-def side_noise_variances(fitted: FittedProfile) -> Array:
-    """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
-    lost = noise_share_in_fit(2 + fitted.curved, fitted.variance_inflation, fitted.counts)
-    return np.asarray(fitted.sigmas**2 / (1 - lost))
-
-
 def refine_fit(
     row: Profile,
     start: Polyline,
@@ -397,7 +391,9 @@ def coefficient_covariances(
     Noise enters through the points, the unknown bend and twist through the prior: ``inverse
     (sigma² inflation A + W S W) inverse``.
     """
-    variance = fitted.variance_inflation * side_noise_variances(fitted)
+    # A fit takes up some of the noise.
+    lost = noise_share_in_fit(2 + fitted.curved, fitted.variance_inflation, fitted.counts)
+    variance = fitted.variance_inflation * fitted.sigmas**2 / (1 - lost)
     meat = variance[:, None, None] * fitted.equations[0]
     meat[:, (2, 3), (2, 3)] += (np.where(weight < FIXED_WEIGHT, weight, 0.0)[:, 2:] * spread) ** 2
     return np.asarray(inverse @ meat @ inverse)

@@ -321,12 +321,6 @@ def corners_seen_from_both_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
     return np.asarray(gaps_beside_corners(fitted).max(axis=1) < MEETING_REACH)
 
 
-def _is_on_sides(fitted: FittedProfile, points: Array, i: int) -> bool:
-    """Whether points lie on a side beside corner i, drawn on: light of two bounces does not."""
-    away = [np.median(np.abs(c.signed_distances(points))) for c in fitted.curves[i : i + 2]]
-    return bool(min(away) < THICKEST_SCALE)
-
-
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
@@ -347,10 +341,13 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     for a, b, joined in zip(first[steel], stop[steel], between[steel], strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
+        points = fit.row.points[a:b]
         for i, corner in enumerate(fitted.corners):
-            away = fit.row.points[a:b] - corner
+            away = points - corner
             ends = np.hypot(*away[[0, -1]].T)
-            if not (joined or _is_on_sides(fitted, fit.row.points[a:b], i)):
+            # What lies on a side beside the corner, drawn on, is no light of two bounces.
+            off_sides = [np.abs(c.signed_distances(points)) for c in fitted.curves[i : i + 2]]
+            if not joined and min(map(np.median, off_sides)) >= THICKEST_SCALE:
                 continue
             if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
                 own = slice(2 * i, 2 * i + 2)
