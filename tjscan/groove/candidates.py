@@ -292,12 +292,12 @@ class CandidateSides(NamedTuple):
 
     def as_curves(self, chain: list[int]) -> tuple[CubicCurve, ...]:
         """Some of them, each over its tangent in the middle."""
-        own = CandidateSides._make(value[chain] for value in self)
-        u = 0.5 * (own.first + own.last)
-        y, slope = own.heights_and_slopes(u)
-        steep, zero = own.steepness, np.zeros(len(u))
-        tangents = (u * slope - y) / steep, -slope / steep
-        bends = -own.coefficients[:, 2] * (y / steep) ** 3
+        u = 0.5 * (self.first + self.last)[chain]
+        a, b, c = self.coefficients[chain].T
+        y, slope = a + u * (b + u * c), b + 2 * u * c
+        along, zero = u * slope - y, np.zeros(len(chain))
+        steep = np.hypot(along, slope)
+        tangents, bends = (along / steep, -slope / steep), -c * (y / steep) ** 3
         values = np.transpose((-u / y, 1 / y, *tangents, zero, zero, bends))
         return tuple(CubicCurve(*curve) for curve in values.tolist())
 

@@ -14,7 +14,6 @@ from math import exp, inf
 from typing import Final
 
 import numpy as np
-import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 from tjscan.groove.settings import GrooveModel
@@ -168,7 +167,9 @@ class GroovePrior:
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:
     """Probabilities of values, shape (..., n), by Bayes' rule from logarithms of any offset."""
-    return np.asarray(scipy.special.softmax(log_prior + log_likelihood, axis=-1))
+    log_share = log_prior + log_likelihood
+    share = np.exp(log_share - log_share.max(axis=-1, keepdims=True))
+    return np.asarray(share / share.sum(axis=-1, keepdims=True))
 
 
 def _mix_with_base_probabilities(log_share: Array, log_base: Array) -> Array:
