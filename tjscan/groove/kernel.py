@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.settings import SideModel
@@ -59,3 +60,13 @@ def model_values(model: tuple[SideModel, ...]) -> Array:
         for s in model
     ]
     return np.array(values) * (SCALING_LENGTH ** np.array((2, 3, 2, 0, 0, 0)))
+
+
+def side_priors(model: tuple[SideModel, ...]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """What is known of each of k sides, in powers of s / 20 mm.
+
+    Standard deviations of bend and twist, shape (k, 2), the mean of the bend, how rough it is in
+    metres, and whether it is a bead, shape (k,).
+    """
+    values = model_values(model)
+    return values[:, :2], values[:, 2], values[:, 3], values[:, 4] > 0

@@ -191,7 +191,7 @@ def refine_fit(
         )
         return found and _compiled_fit(values[0], points, keep, *found)
     widths = FIRST_ROUND_TOLERANCES if annealed else ()
-    spread, expected, roughness, bead = side_priors(model)
+    spread, expected, roughness, bead = kernel.side_priors(model)
     curved, inflation = spread[:, 0] > 0, _GUESSED_VARIANCE_INFLATION
     # What sticks to the long outer sides is wider than their noise.
     reach = np.ones(len(model))
@@ -401,7 +401,7 @@ def coefficient_covariances(
 
 def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
-    spread, *_ = side_priors(model)
+    spread, *_ = kernel.side_priors(model)
     covariances = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     variance = np.maximum(covariances[:, 2, 2], 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * SCALING_LENGTH**2
@@ -409,16 +409,6 @@ def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, .
     odds = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)
     known = np.array([side.expected_bend is not None for side in model])
     return np.where(known, -np.inf, odds)
-
-
-def side_priors(model: tuple[SideModel, ...]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """What is known of each of k sides, in powers of s / 20 mm.
-
-    Standard deviations of bend and twist, shape (k, 2), the mean of the bend, how rough it is in
-    metres, and whether it is a bead, shape (k,).
-    """
-    values = kernel.model_values(model)
-    return values[:, :2], values[:, 2], values[:, 3], values[:, 4] > 0
 
 
 def _compiled_fit(

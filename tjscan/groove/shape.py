@@ -27,7 +27,6 @@ from tjscan.groove.prior import TRIED_NOTCH_PULLS
 from tjscan.groove.refinement import (
     coefficient_covariances,
     prior_weights,
-    side_priors,
     solve_with_prior,
 )
 from tjscan.groove.reflections import MEETING_REACH, gaps_beside_corners
@@ -377,7 +376,7 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     counts by how likely it is (Bayesian model averaging).
     """
     fitted = fit.fitted
-    spread, expected, *_ = side_priors(fit.model.sides)
+    spread, expected, *_ = kernel.side_priors(fit.model.sides)
     bends = spread[:, 0] > 0
     total = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     if fitted.straight is not None:
