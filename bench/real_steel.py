@@ -87,6 +87,8 @@ LEAST_GIVEN: Final = {
     "ghosts before and behind": 60.0,
     "several at once": 40.0,
     "second caster, reflections": 60.0,
+    "sections before, ghosts": 60.0,
+    "sections before, second caster, reflections": 60.0,
     "second caster, several": 40.0,
 }
 """Per cent of all corners of a row that are to be given; 95 elsewhere."""
