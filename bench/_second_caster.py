@@ -146,7 +146,10 @@ class SecondFault:
     def shoot(self, k: int) -> WedgeProfile:
         """The k-th profile of this row: always the same one."""
         rng = np.random.default_rng((k, 2, *self.name.encode()))
-        g = draw_wedge(rng)
+        return self.shoot_groove(draw_wedge(rng), rng)
+
+    def shoot_groove(self, g: WedgeGroove, rng: np.random.Generator) -> WedgeProfile:
+        """A profile of a groove that was drawn."""
         for change in self.steel:
             change(g, rng)
         view = View(
@@ -323,14 +326,14 @@ def seam_cap(g: WedgeGroove, rng: np.random.Generator) -> None:
 # --- faults of the light
 
 
-def between_faces(least: float, most: float) -> Light:
+def between_faces(least: float, most: float, widths: tuple[float, float] = (1.4, 2.4)) -> Light:
     """Light from each face onto the other draws its points nearer, by a wedge's view factor.
 
     A strip as wide as `lit` beside the notch lights the other face.
     """
 
     def change(g: WedgeGroove, view: View, depth: Array, rng: np.random.Generator) -> Array:
-        pull, lit = MM * rng.uniform(least, most), MM * rng.uniform(1.4, 2.4)
+        pull, lit = MM * rng.uniform(least, most), MM * rng.uniform(*widths)
         (_, p3, p4), bevel = g.corners, -g.sides["bevel"][1]
         cosine, points = float(bevel @ g.leg), view.points(depth)
         away = np.maximum(np.maximum((points - p3) @ bevel, (points - p4) @ g.leg), 0.0)

@@ -120,6 +120,8 @@ def draw(
     gap: tuple[float, float] = (2.0, 4.0),
     rise: tuple[float, float] = (1.5, 3.0),
     slop: float = 1.0,
+    further: float = 0.0,
+    own: np.random.Generator | None = None,
 ) -> Groove:
     """A sound groove with a straight root bead, from a pose off by up to 5 degrees and 5 mm.
 
@@ -129,18 +131,24 @@ def draw(
         Number of the profile: joints and ways round take turns.
     gap, rise : tuple of float
         Span of the root opening, and of the bead's rise on the bevel, in millimetres.
+    further : float
+        How far along the groove from where `rng` has it, in metres.
+    own : Generator, optional
+        What the section and its view have for themselves: the pose, and a tenth of opening and
+        rise. Without it all is of `rng`.
     """
-    tubes = TUBES[k % len(TUBES)]
+    tubes, own = TUBES[k % len(TUBES)], own or rng
     pose = pose_before(
         tubes,
-        rng.uniform(0, 2 * np.pi),
+        rng.uniform(0, 2 * np.pi) + further / tubes.brace,
         pull=math.radians(10 if k // len(TUBES) % 2 else -10),
-        turn=slop * math.radians(5) * rng.uniform(-1, 1, 3),
-        shift=slop * 5 * MM * rng.uniform(-1, 1, 3),
+        turn=slop * math.radians(5) * own.uniform(-1, 1, 3),
+        shift=slop * 5 * MM * own.uniform(-1, 1, 3),
     )
+    wander = own.uniform(0.9, 1.1, 2) if own is not rng else np.ones(2)
     wall_cut, leg_cut = cuts(pose)
     up, out = wall_cut.forward, leg_cut.forward
-    opening = MM * rng.uniform(*gap)
+    opening = MM * rng.uniform(*gap) * wander[0]
     face = MM * rng.uniform(1.0, 2.5)
     # The edge of the root face: so far behind the wall, and so far off the leg.
     behind = -square_to(up, out)
@@ -154,7 +162,7 @@ def draw(
     edge = local.start + opening * local.outward(local.start)
     up_bevel = turned_from(local.forward, up, groove_angle(pose.dihedral))
     top = wall_cut.meet(edge, up_bevel)
-    lift = MM * rng.uniform(*rise)
+    lift = MM * rng.uniform(*rise) * wander[1]
     p3 = edge + lift * up_bevel
     apex = leg_cut.meet(edge + 0.1 * up_bevel, -up_bevel)
     along = (p3 - apex) @ up_bevel * rng.uniform(0.85, 1.15)
@@ -313,15 +321,22 @@ def scallops(g: Groove, rng: np.random.Generator) -> None:
     g.root = straight(g.corners[1], g.corners[2])
 
 
-def scale(g: Groove, rng: np.random.Generator) -> None:
-    """Mill scale that has partly flaked off, 0.2 to 0.4 mm proud; the corners are the metal's."""
-    s = np.arange(0, REACH, 0.2 * MM)
-    for name in ("wall", "leg"):
-        cut: CylinderCut = getattr(g, f"{name}_cut")
-        line = cut.at(s)
-        height = MM * rng.uniform(0.2, 0.4) * _patches(s, rng)
-        line = line + height[:, None] * cut.outward(line)
-        setattr(g, name, line[::-1] if name == "wall" else line)
+def mill_scale(*spans: tuple[float, float]) -> Steel:
+    """Scale that has partly flaked off, on wall and leg so proud; the corners are the metal's."""
+
+    def change(g: Groove, rng: np.random.Generator) -> None:
+        s = np.arange(0, REACH, 0.2 * MM)
+        for name, span in zip(("wall", "leg"), spans, strict=True):
+            cut: CylinderCut = getattr(g, f"{name}_cut")
+            line = cut.at(s)
+            height = MM * rng.uniform(*span) * _patches(s, rng)
+            line = line + height[:, None] * cut.outward(line)
+            setattr(g, name, line[::-1] if name == "wall" else line)
+
+    return change
+
+
+scale = mill_scale((0.2, 0.4), (0.2, 0.4))
 
 
 def _patches(s: Array, rng: np.random.Generator) -> Array:
@@ -436,11 +451,11 @@ def corner(g: Groove, rng: np.random.Generator) -> None:
 # --- faults of the sensor
 
 
-def interreflection(least: float, most: float) -> Sensing:
+def interreflection(least: float, most: float, reaches: tuple[float, float] = (3, 5)) -> Sensing:
     """Light from one face onto another pulls the notch in, smoothly within 3 to 5 mm of it."""
 
     def change(g: Groove, seen: Seen, points: Array, rng: np.random.Generator) -> Array:
-        pull, reach = MM * rng.uniform(least, most), MM * rng.uniform(3, 5)
+        pull, reach = MM * rng.uniform(least, most), MM * rng.uniform(*reaches)
         along = g.corners[2] - g.corners[1]
         share = np.clip((seen.points - g.corners[1]) @ along / (along @ along), 0, 1)
         away = np.linalg.norm(seen.points - g.corners[1] - share[:, None] * along, axis=1)
@@ -555,7 +570,13 @@ class PosedProfile:
 def shoot(fault: Fault, k: int, columns: int = COLUMNS) -> PosedProfile:
     """The k-th profile of a row, of a sensor of so many columns: always the same one."""
     rng = np.random.default_rng((k, *fault.name.encode()))
-    g = draw(rng, k, gap=fault.gap, rise=fault.rise)
+    return shoot_groove(fault, draw(rng, k, gap=fault.gap, rise=fault.rise), rng, columns)
+
+
+def shoot_groove(
+    fault: Fault, g: Groove, rng: np.random.Generator, columns: int = COLUMNS
+) -> PosedProfile:
+    """A profile of a groove that was drawn, with a fault."""
     for change in fault.steel:
         change(g, rng)
     seen = look_at(g.lines, g.pose.second_eye, columns)

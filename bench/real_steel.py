@@ -3,8 +3,9 @@
 Sections of four tubular joints, both ways round, from poses off by up to 5 degrees and 5 mm,
 with one fault a row; the bench casts its own rays (`_sections`) and draws its own faults
 (`_steel`). A second ray caster of another make (`_second_caster`) draws other grooves with other
-faults. Forty real profiles of a shiny V-groove are read too, where they are at hand, also as of a
-groove half as large and of one that is steeper.
+faults. Grooves of which each is read section by section, with what the sections before show, have
+rows of their own (`_along_seam`). Forty real profiles of a shiny V-groove are read too, where they
+are at hand, also as of a groove half as large and of one that is steeper.
 
 Every row of a groove has these bars: the share that is read; the share with a corner off by more
 than 1 mm that is stated to better than 0.4 mm; the share of corners that are given to better
@@ -29,8 +30,15 @@ from time import thread_time
 from typing import Final
 
 import numpy as np
+from _along_seam import (
+    ALONG_SEAM,
+    FILLED_ALONG_SEAM,
+    SECTION_STEP,
+    SECTIONS_BEFORE,
+    SeamFault,
+)
 from _earlier_reader import EARLIER_COMMIT, EARLIER_MEDIAN, EarlierReader
-from _known_flanks import known_flanks
+from _known_flanks import flanks_of_section, known_flanks
 from _second_caster import SECOND_FILLED, SECOND_GROOVES, SecondFault, WedgeProfile
 from _sections import EMITTER_Z, Array, look_at
 from _steel import (
@@ -50,7 +58,8 @@ from _steel import (
 from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.groove.filled import read_filled_groove
+from tjscan.groove.filled import KnownFlanks, read_filled_groove
+from tjscan.groove.prior import GroovePrior, SectionEvidence
 from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import BUTT_V, GrooveSettings
@@ -78,6 +87,8 @@ LEAST_GIVEN: Final = {
     "ghosts before and behind": 60.0,
     "several at once": 40.0,
     "second caster, reflections": 60.0,
+    "sections before, ghosts": 60.0,
+    "sections before, second caster, reflections": 60.0,
     "second caster, several": 40.0,
 }
 """Per cent of all corners of a row that are to be given; 95 elsewhere."""
@@ -116,10 +127,10 @@ def profile_of(points: Array) -> Profile:
     return Profile(points[:, 0], points[:, 1])
 
 
-def read(points: Array) -> Reading | str:
+def read(points: Array, prior: GroovePrior | None = None) -> Reading | str:
     """The reading, or the words of the refusal."""
     try:
-        return Reading.of(read_groove(profile_of(points)))
+        return Reading.of(read_groove(profile_of(points), prior=prior))
     except GrooveNotFound as refusal:
         return str(refusal).lower()
 
@@ -152,13 +163,18 @@ class Verdict:
 
 def judge(name: str, k: int) -> Verdict:
     """Read the k-th profile of a row."""
-    fault = FAULTS[name]
     shot = shot_of(name, k)
-    reading = read(shot.points)
+    return verdict_on(shot, read(shot.points), FAULTS[name].named)
+
+
+def verdict_on(
+    shot: PosedProfile | WedgeProfile, reading: Reading | str, word: str | None = None
+) -> Verdict:
+    """Judge a reading; a groove that is named has that word in what is said of it."""
     g = shot.groove
     due = np.where(g.there & ~g.affected, 0.0, np.nan)
     if isinstance(reading, str):
-        named = fault.named is not None and fault.named in reading
+        named = word is not None and word in reading
         return Verdict(False, named, False, due, np.full(3, np.nan))
     off = np.linalg.norm(reading.corners - g.corners, axis=1)
     sure = np.isfinite(off) & (reading.sigmas < SURE)
@@ -166,14 +182,37 @@ def judge(name: str, k: int) -> Verdict:
         z_sq = np.where(g.there, (off / reading.sigmas) ** 2, np.nan)
     return Verdict(
         read=True,
-        named=fault.named is not None and fault.named in reading.words,
+        named=word is not None and word in reading.words,
         sure_wrong=bool(np.any(sure & (off > WRONG))),
         given=np.where(np.isnan(due), np.nan, sure),
         z_sq=np.where(np.isfinite(reading.sigmas), z_sq, np.nan),
     )
 
 
-def rows_of(fault: Fault | SecondFault, verdicts: Sequence[Verdict]) -> list[Row]:
+def prior_along(fault: SeamFault, k: int, count: int, bare: bool = False) -> GroovePrior:
+    """What the first sections of a row's k-th groove show of the next one, read in their order."""
+    before: list[tuple[int, SectionEvidence]] = []
+    for section in range(count + 1):
+        prior = GroovePrior.from_sections(
+            [(shown, (section - i) * SECTION_STEP) for i, shown in before]
+        )
+        if section == count:
+            break
+        with suppress(GrooveNotFound):
+            profile = profile_of(fault.shoot(k, section, bare).points)
+            shown = read_groove(profile, prior=prior).evidence
+            before += [(section, shown)] if shown is not None else []
+    return prior
+
+
+def judge_along(name: str, k: int) -> Verdict:
+    """Read a section of a row's k-th groove with what those before it show."""
+    fault = next(one for one in ALONG_SEAM if one.name == name)
+    shot = fault.shoot(k, SECTIONS_BEFORE)
+    return verdict_on(shot, read(shot.points, prior_along(fault, k, SECTIONS_BEFORE)))
+
+
+def rows_of(fault: Fault | SecondFault | SeamFault, verdicts: Sequence[Verdict]) -> list[Row]:
     """The bars of a row with a groove."""
     name, total = fault.name, len(verdicts)
 
@@ -189,7 +228,7 @@ def rows_of(fault: Fault | SecondFault, verdicts: Sequence[Verdict]) -> list[Row
             at_least=LEAST_READ.get(name, 97.0),
         )
     ]
-    if fault.named is not None:
+    if not isinstance(fault, SeamFault) and fault.named is not None:
         named = share(v.named for v in verdicts)
         rows.append(Row(f"{name}: named as {fault.named!r}", named, 100, "%", at_least=99))
     rows.append(Row(f"{name}: sure and wrong", share(v.sure_wrong for v in verdicts), 0.1, "%"))
@@ -254,10 +293,26 @@ def judge_fill(name: str, k: int) -> FillVerdict:
 
 def judge_with_flanks(name: str, k: int) -> FillVerdict:
     """Read the k-th profile of such a row with its bare groove known; the error is in m²."""
-    shot = shot_of(name, k)
+    return verdict_with_flanks(shot_of(name, k), known_flanks(FAULTS[name], k))
+
+
+def judge_with_flanks_read(k: int) -> FillVerdict:
+    """The same of a groove whose bare sections were read one after the other before."""
+    fault, last = FILLED_ALONG_SEAM, SECTIONS_BEFORE
+    shot, bare = (fault.shoot(k, last, as_scanned) for as_scanned in (False, True))
+    prior = prior_along(fault, k, last, bare=True)
+    try:
+        section = read_groove(profile_of(bare.points), prior=prior)
+    except GrooveNotFound:
+        return FillVerdict(left=True, read=False)
+    return verdict_with_flanks(shot, flanks_of_section(section, np.random.default_rng((k, 5))))
+
+
+def verdict_with_flanks(shot: PosedProfile | WedgeProfile, flanks: KnownFlanks) -> FillVerdict:
+    """Judge the reading of a profile of such a groove."""
     truth = shot.groove.area if isinstance(shot, WedgeProfile) else area_left(shot.groove)
     try:
-        found = read_filled_groove(profile_of(shot.points), known_flanks(FAULTS[name], k))
+        found = read_filled_groove(profile_of(shot.points), flanks)
     except GrooveNotFound:
         return FillVerdict(truth > 0, read=False)
     section = found.section
@@ -502,6 +557,8 @@ def measure(count: int, first: int) -> list[Row]:
         work = partial(pool.map, chunksize=20)
         faults = (*ALL_GROOVES, *NO_GROOVE)
         waiting = [(f, work(partial(judge, f.name), numbers)) for f in faults]
+        along = [(f, work(partial(judge_along, f.name), numbers)) for f in ALONG_SEAM]
+        read_before = work(judge_with_flanks_read, numbers)
         filled = [(f, work(partial(judge_fill, f.name), numbers)) for f in ALL_FILLED]
         known = [(f, work(partial(judge_with_flanks, f.name), numbers)) for f in ALL_FILLED]
         bounds = work(against_bound, range(count))
@@ -515,6 +572,9 @@ def measure(count: int, first: int) -> list[Row]:
                 rows.append(no_groove_row(fault, verdicts))
         wrong = 100 * float(np.mean([v.sure_wrong for v in of_grooves]))
         rows.append(Row("all rows of grooves: sure and wrong", wrong, 0.1, "%"))
+        for seam_fault, found in along:
+            rows += rows_of(seam_fault, list(found))
+        rows += rows_with_flanks(FILLED_ALONG_SEAM.name, list(read_before))
         for bars, readings in ((fill_rows, filled), (rows_with_flanks, known)):
             fills = {fault: list(found) for fault, found in readings}
             for fault, one in fills.items():

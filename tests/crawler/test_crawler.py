@@ -16,6 +16,7 @@ from crawls import SHORT
 from tjscan.core.errors import CrawlStopped, VehicleLinkLost, VehicleStopped
 from tjscan.crawler.contradiction import ContradictionWatch
 from tjscan.crawler.crawler import MOST_OFFSET_AT_REVERSAL, Crawler
+from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
@@ -314,6 +315,34 @@ def test_a_bend_is_followed_in_the_alignment_alone_and_not_at_rest(
     assert {Phase.READY, Phase.WELDING, Phase.RETURN, *aligns} <= {phase for phase, *_ in asked}
     assert {phase for phase, _, follows in asked if follows} == aligns
     assert not any(rests and follows for _, rests, follows in asked)
+
+
+@pytest.mark.parametrize(
+    ("jump", "sigma", "stops"),
+    [(0.4e-3, 0.0, True), (0.4e-3, 0.12e-3, False), (1.2e-3, 0.12e-3, True)],
+)
+def test_an_unsure_reading_tells_of_a_jump_by_less(
+    tmp_path: Path, jump: float, sigma: float, stops: bool
+) -> None:
+    """By a bead's toe the joint is read aside for millimetres."""
+    short = context(tmp_path)
+    cell, reader = make_crawl_cell(short.job), short.make_reader()
+
+    class Jumping:
+        """A reader by which the joint is aside for 6 mm of the weld."""
+
+        def read(self, profile: Profile, travel: float) -> JointPlacement:
+            found = reader.read(profile, travel)
+            aside = jump * (0.005 < travel < 0.011)
+            return replace(found, centre=found.centre + aside, lone_sigma=sigma)
+
+    guard = ""
+    with cell:
+        try:
+            make_crawler(short, cell, short.make_method(), Notes(), Jumping()).run()
+        except CrawlStopped as stop:
+            guard = stop.guard
+    assert (guard in ("knocked aside", "joint jumped")) == stops
 
 
 def test_it_says_what_it_waits_for(tmp_path: Path) -> None:

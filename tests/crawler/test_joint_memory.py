@@ -1,5 +1,6 @@
 """What was seen on the way back stands in for edges that are gone, with an honest error."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -99,6 +100,52 @@ def test_joint_is_read_where_hardly_any_edge_is_left(passes: int, arc: float, le
     sigmas = np.array([one.centre_sigma for one in found])
     assert np.mean((errors / sigmas) ** 2) < 1.5
     assert np.std(errors) < 0.06e-3
+
+
+FLUSH = HullJoint(
+    high_low=1e-3, beads=(WeldBead(level=14e-3), WeldBead(level=20e-3, crown=3e-3, right=-0.1))
+)
+"""A joint whose last bead is flush with its left edge."""
+
+
+def go_back_after_flush_bead(
+    seen: Callable[[float], tuple[HullJoint, float]],
+) -> list[tuple[float, float]]:
+    """Places along the joint that are read behind a flush bead, and errors there, metres.
+
+    Parameters
+    ----------
+    seen : callable
+        Gives the joint at a place, and how far to the right of it the laser is, metres.
+    """
+    reader, rng, found = RememberingTracker(), np.random.default_rng(1), []
+    for passes, places in ((1, FORTH), (1, BACK), (2, BACK)):
+        for along in places.tolist():
+            joint, off = seen(along) if passes == 2 else (FLUSH, 0.0)
+            section = hull_section(joint, along, passes)
+            pose = SectionLaserPose(offset=off)
+            with suppress(GrooveNotFound):
+                profile = simulate_section_profile(section, pose, SectionLaserModel(), rng)
+                reading = reader.read(profile, along)
+                found += [(along, reading.centre + off)] if passes == 2 else []
+    return found
+
+
+@pytest.mark.parametrize("knock", [0.3e-3, -0.5e-3, 1e-3, -3e-3])
+def test_knock_where_a_bead_hides_an_edge_shows_or_ends_the_readings(knock: float) -> None:
+    found = go_back_after_flush_bead(lambda along: (FLUSH, 0.0 if along > 0.02 else knock))
+    assert len([along for along, _ in found if along > 0.02]) > 40
+    assert np.abs([error for _, error in found]).max() < 0.15e-3
+
+
+@pytest.mark.parametrize("narrower", [2e-3, 4e-3])
+def test_narrower_joint_is_not_read_on_where_a_bead_hid_an_edge(narrower: float) -> None:
+    """Its right edge goes on where that of the joint was."""
+    other = replace(FLUSH, width=FLUSH.width - narrower, beads=FLUSH.beads[:1])
+    found = go_back_after_flush_bead(
+        lambda along: (FLUSH, 0.0) if along > 0.02 else (other, -narrower / 2)
+    )
+    assert len([along for along, _ in found if along <= 0.02]) <= 2  # of 50
 
 
 def test_without_memory_it_is_not() -> None:

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.crawler.joint_tracking.registration import (
+    UNKNOWN_CLOSING,
     JointPlacement,
     ReferenceProfile,
     register_profile,
@@ -209,6 +210,43 @@ def test_joint_with_a_bead_over_one_edge_is_where_the_other_edge_shows(
     assert len(errors) > 30
     assert np.abs(errors).max() < 5 * np.mean(sigmas)
     assert abs(np.mean(errors)) < np.mean(sigmas)
+
+
+def flush(high_low: float, width: float = 30e-3) -> HullJoint:
+    """A joint whose last bead ends at the left edge, and stands over the plate inside of it."""
+    beads = WeldBead(level=14e-3), WeldBead(level=20e-3, crown=3e-3, right=-0.1)
+    return HullJoint(width=width, high_low=high_low, beads=beads)
+
+
+@pytest.mark.parametrize("high_low", [-1e-3, 0.0, 1e-3])
+def test_bead_flush_with_an_edge_leaves_the_joint_where_the_other_edge_shows(
+    high_low: float,
+) -> None:
+    """The joint closes meanwhile, by how much is not known, and either plate may move."""
+    rng, errors, sigmas = np.random.default_rng(1), [], []
+    for seed in range(60):
+        against = reference(joint=flush(high_low), passes=1, seed=seed)
+        closed = abs(UNKNOWN_CLOSING * rng.standard_normal())
+        pose = SectionLaserPose(offset=rng.uniform(-0.2e-3, 0.2e-3))
+        profile = see(flush(high_low, 30e-3 - closed), rng, DEFAULT, pose, passes=2)
+        if (found := register(profile, against, true_placement())) is not None:
+            errors.append(found.centre + pose.offset)
+            sigmas.append(found.centre_sigma)
+    assert len(errors) > 55
+    assert 0.5 < np.mean(np.divide(errors, sigmas) ** 2) < 2
+
+
+@pytest.mark.parametrize("narrower", [2e-3, 3e-3, 4e-3])
+@pytest.mark.parametrize("high_low", [-1e-3, 0.0, 1e-3])
+def test_narrower_joint_beside_the_same_edge_is_no_bead_over_the_other(
+    narrower: float, high_low: float
+) -> None:
+    """Its plate hides the other edge as a flush bead does, whichever plate is the higher one."""
+    against, rng = reference(joint=flush(high_low), passes=1), np.random.default_rng(1)
+    other = flush(high_low, 30e-3 - narrower)
+    pose = SectionLaserPose(offset=-narrower / 2)
+    for _ in range(20):
+        assert register(see(other, rng, DEFAULT, pose, passes=1), against, true_placement()) is None
 
 
 def test_one_side_does_not_show_the_joint_where_a_bead_ended() -> None:

@@ -13,7 +13,7 @@ from _steel import FILLED, GROOVES, NO_GROOVE, Fault, shoot
 import tjscan.groove
 from tjscan.core.errors import GrooveNotFound
 from tjscan.groove import kernel
-from tjscan.groove.pieces import ProjectivePoints, find_pieces
+from tjscan.groove.candidates import ProjectivePoints, find_pieces
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.read import read_groove
 from tjscan.groove.reflections import find_runs

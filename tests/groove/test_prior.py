@@ -96,7 +96,7 @@ def test_a_prior_and_a_fit_make_the_product_of_two_normal_distributions() -> Non
 
 def test_likelihoods_on_a_grid_make_that_product_too() -> None:
     (m, s), (x, t) = (0.25 * MM, 0.05 * MM), (0.20 * MM, 0.04 * MM)
-    values = NOTCH_PULLS[:21]
+    values = np.linspace(0, 0.5 * MM, 21)
     p = posterior(about(values, m, s), about(values, x, t))
     variance = 1 / (1 / s**2 + 1 / t**2)
     assert p @ values == pytest.approx(variance * (m / s**2 + x / t**2), rel=1e-3)
@@ -150,6 +150,20 @@ def test_a_pull_is_told_from_section_to_section() -> None:
     )
     assert np.median(errors) < 0.6 * np.median(before)
     assert np.mean([normalised_squares(one)[1:] for one in found]) < 2
+
+
+@pytest.mark.parametrize("by", [0.4, 0.8, 1.2])
+def test_a_strong_pull_is_told_as_it_is(by: float) -> None:
+    """Points that it moves far off their flanks are no outliers: they show it."""
+    profiles = [
+        pulled_in(draw(GROOVE, NOISE, seed), GROOVE, by * MM, raised_cosine) for seed in range(6)
+    ]
+    found = chain(profiles)
+    shown = [float(NOTCH_PULLS[evidence(one).log_pulls.argmax()]) for one in found]
+    assert np.median(shown) == pytest.approx(by * MM, rel=0.3)
+    off = np.linalg.norm(corners(found[-1]) - GROOVE.corners, axis=1)
+    assert off.max() < 0.2 * by * MM
+    assert normalised_squares(found[-1]).max() < 4
 
 
 def test_scale_is_told_from_section_to_section() -> None:

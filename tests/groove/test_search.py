@@ -12,16 +12,9 @@ from hypothesis import strategies as st
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove import kernel
-from tjscan.groove.candidates import BEAD_KIND, CANDIDATE_KINDS, propose_candidates
-from tjscan.groove.chains import (
-    FEWEST_INNER_POINTS,
-    FEWEST_OUTER_POINTS,
-    LEAST_SUPPORT_SHARE,
-    SIDE_LENGTH_SLACK,
-    ChainSearch,
-    kinds_of_sides,
-)
-from tjscan.groove.pieces import (
+from tjscan.groove.candidates import (
+    BEAD_KIND,
+    CANDIDATE_KINDS,
     LEAST_UNEVENNESS,
     LONGEST_PIECE_BLOCKS,
     NOISE_INFLATION,
@@ -30,6 +23,15 @@ from tjscan.groove.pieces import (
     ProjectivePoints,
     find_pieces,
     project_points,
+    propose_candidates,
+)
+from tjscan.groove.chains import (
+    FEWEST_INNER_POINTS,
+    FEWEST_OUTER_POINTS,
+    LEAST_SUPPORT_SHARE,
+    SIDE_LENGTH_SLACK,
+    ChainSearch,
+    kinds_of_sides,
 )
 from tjscan.groove.read import fit_groove, order_points, read_groove
 from tjscan.groove.reflections import PointRuns, find_runs

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from command import tjscan
 
-from tjscan.core.errors import ConfigurationError, LookRefused, TjscanError
+from tjscan.core.errors import ConfigurationError, GrooveNotFound, LookRefused, TjscanError
 from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices
 from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
 from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces
@@ -20,10 +21,16 @@ from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import CrawlCycle, PlannedPass, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.plan import PassSettings
+from tjscan.crawler.plan import PassSettings, with_rows
 from tjscan.crawler.torch_axes import SimulatedTorchAxes
 from tjscan.job.crawl.cell import SimulatedWeld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.job.crawl.weld import CrawlWeld
+from tjscan.laser.section_laser import (
+    SectionLaserModel,
+    SectionLaserPose,
+    simulate_section_profile,
+)
 from tjscan.planning.wps import read_wps
 from tjscan.runs.crawl.replan import CrawlPassPlanner
 from tjscan.runs.crawl.report import crawl_chapter
@@ -316,6 +323,67 @@ def show(
                 z_s = np.where(np.abs(across) < 9.5e-3, np.nan, profile.z_s)
                 cycle = replace(cycle, profile=replace(profile, z_s=z_s))
             planner.see(cycle, placement)
+
+
+TEN_PASSES = {
+    "weld.length_m": 0.04,
+    "weld.layers": [1, 2, 3, 4],
+    "pass": [{"feed_m_min": 9, "weave_mm": 1.5, "weave_period_s": 1}] * 10,
+    "simulation.joint.width_mm": 26,
+    "simulation.joint.depth_mm": 17,
+    "simulation.joint.high_low_mm": 1,
+    "simulation.weld.wander_mm": 0.3,
+    "simulation.weld.shrinkage_percent": 20,
+}
+
+
+def test_the_joint_is_read_through_ten_planned_passes(job_file: Path) -> None:
+    """Beads of the cap hide one edge, then the other; the laser goes along without a vehicle."""
+    job = read_crawl_job(job_file, TEN_PASSES)
+    assert job.simulation is not None
+    assert job.simulation.weld is not None
+    planner, reader, rng = (
+        CrawlPassPlanner(job, read_wps(WPS)),
+        RememberingTracker(),
+        np.random.default_rng(8),
+    )
+    metal = CrawlWeld(job.simulation.joint, job.simulation.weld, seed=8)
+    ahead, read = job.vehicle.laser_to_torch, list[tuple[int, float, float, float]]()
+
+    def look(number: int, phase: Phase, places: np.ndarray) -> None:
+        for at in places.tolist():
+            off = 0.5e-3 * np.sin(at / 0.05 + 1.3 * number)
+            closed = float(np.interp(at, metal.metal.state.s, metal.metal.state.closed))
+            section, pose = metal.outline(at), SectionLaserPose(offset=off)
+            profile = simulate_section_profile(section, pose, SectionLaserModel(), rng)
+            with suppress(GrooveNotFound):
+                placement = reader.read(profile, at - ahead)
+                # The left plate moves: the middle between the edges moves by half of it.
+                error = placement.centre + off - closed / 2
+                way = 2 * number + (phase is Phase.RETURN)
+                read.append((way, at, error, placement.centre_sigma))
+                state, torch = VehicleState(0.0, AT_REST), TorchEstimate(0.0, 0.0, 0.0)
+                cycle = CrawlCycle(
+                    phase, number, at - ahead, state, AT_REST, torch, 0, 0, False, profile=profile
+                )
+                planner.see(cycle, placement)
+
+    back = np.arange(0.06, -0.02, -0.8e-3)
+    look(0, Phase.BACKWARD_ALIGNMENT, back)
+    for number, one in enumerate(job.passes, 1):
+        table = with_rows(one, planner.plan_pass(number).table)
+        look(number, Phase.WELDING, back[::-1])
+        for at in np.arange(0.0, 0.04, 0.5e-3).tolist():
+            metal.burn(at / 6e-3, at, float(table.table.at(np.array(at)).offset))
+        metal.end_arc(table)
+        look(number, Phase.RETURN, back)
+    ways, at, errors, sigmas = np.transpose(read)
+    for way in range(2, 21):  # nothing is left to weld when it goes back from the last pass
+        gaps = np.diff(np.sort(np.append(at[ways == way], (0.0, 0.04))))
+        assert gaps.max() < job.guards.blind_travel
+    cut_off = np.abs(at - 0.04) < 1e-3  # a simulated bead ends there as no bead does
+    assert np.sqrt(np.mean(errors[~cut_off] ** 2)) < 0.08e-3
+    assert 0.5 < np.mean((errors / sigmas)[~cut_off] ** 2) < 2
 
 
 class MovedLook:

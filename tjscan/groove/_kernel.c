@@ -718,7 +718,7 @@ static PyObject *refine_fit(PyObject *self, PyObject *const *args, Py_ssize_t gi
     return result;
 }
 
-/* ---- runs, noise and pieces: groove/reflections.py, groove/pieces.py ---- */
+/* ---- runs, noise and pieces: groove/reflections.py, groove/candidates.py ---- */
 
 /* find_runs: first points, with n after them, and jumps of the runs; how many there are. */
 static Py_ssize_t divide_in_runs(
@@ -1969,7 +1969,7 @@ static void tangent_at(const Curve *c, double s, double *tx, double *tz)
     *tz = (c->tz - slope * c->tx) * scale;
 }
 
-/* estimate_shape_errors; 0 without memory. */
+/* _shape_sigmas, and what a pull moves in corner_estimates; 0 without memory. */
 static int shape_errors(const Fitted *f, const Tried *tried, const double *u, double shift[][2], double sigma[][2])
 {
     double gaps[MOST_SIDES][2], patches[MOST_SIDES];
@@ -1980,7 +1980,7 @@ static int shape_errors(const Fitted *f, const Tried *tried, const double *u, do
         for (int j = 0; j < 2; j++) {
             const Py_ssize_t side = i + j;
             double unseen = 0.0;
-            if (side > 0 && side < corners) { /* _unseen_side_shares */
+            if (side > 0 && side < corners) {
                 const double length = fabs(f->places[2 * side] - f->places[2 * (side - 1) + 1]);
                 unseen = sqrt(smaller(gaps[i][j] / larger(length, 1e-9), 1.0));
             }
@@ -1994,7 +1994,7 @@ static int shape_errors(const Fitted *f, const Tried *tried, const double *u, do
         const double probability = PULL_PROBABILITY * pull.probability;
         const double length = f->places[2 * k] - f->places[2 * (k - 1) + 1];
         const double bow = fabs(f->curves[k].c2) * (length * length) / 4;
-        for (int i = 0; i < 2; i++) { /* _errors_if_pulled_in */
+        for (int i = 0; i < 2; i++) { /* a pull, as heights of the face */
             const Py_ssize_t c = k - 1 + i;
             double ax, az, bx, bz;
             tangent_at(&f->curves[c], f->places[2 * c], &ax, &az);

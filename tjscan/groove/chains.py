@@ -9,23 +9,25 @@ is no such sum. It is bounded from below first, and counted for the cheapest by 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove import kernel
 from tjscan.groove.candidates import (
     BEAD_KIND,
     BENT_KIND,
-    CANDIDATE_KINDS,
+    KIND_BENDS,
     STRAIGHT_KIND,
     WELD_KIND,
     CandidateSides,
+    ProjectivePoints,
+    running_sums,
 )
-from tjscan.groove.pieces import ProjectivePoints
 from tjscan.groove.reflections import PointRuns
 from tjscan.groove.settings import LEAST_FACE_TURN, GrooveModel, SideModel
 from tjscan.groove.sides import Index
@@ -58,8 +60,7 @@ WIDER_TOLERANCE_COST: Final = 0.3
 """What each point costs a side that reaches farther, times the logarithm of how much farther."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Corners:
+class _Corners(NamedTuple):
     """Corners of every candidate with every other, shape (K, K, ...).
 
     Parameters
@@ -131,64 +132,60 @@ class ChainSearch:
         wider = WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None]
         paid = np.minimum(candidates.scaled_distances(points, reach) ** 2 + wider, 1)
         self._runs, self._costs = runs, paid
-        sums = _running_sums(paid)
+        sums = running_sums(paid)
         # No chain costs less than if every run that jumps off the surface were a reflection.
-        least = _running_sums(paid * runs.largest_cost_per_point())
-        self._corners = _intersect_candidates(points, candidates)
-        own = np.arange(len(reach))
-        place, x, z = self._corners.place, self._corners.x, self._corners.z
+        least = running_sums(paid * runs.largest_cost_per_point())
+        self._corners = corners = _intersect_candidates(points, candidates)
+        own, place = np.arange(len(reach)), corners.place
         before, after = (own[:, None], place), (own, place)
-        self._before = np.stack((place, x, z, place - sums[before]), axis=-1)
-        self._after = np.stack((place, x, z, place - sums[after]), axis=-1)
+        self._before = np.stack((place, corners.x, corners.z, place - sums[before]))
+        self._after = np.stack((place, corners.x, corners.z, place - sums[after]))
         behind = paid.shape[1] - place
-        left = behind - sums[:, -1] + sums[after]
-        self._begins = self._before[..., 3] >= np.maximum(
-            LEAST_SUPPORT_SHARE * place, FEWEST_OUTER_POINTS
-        )
-        self._ends = left >= np.maximum(LEAST_SUPPORT_SHARE * behind, FEWEST_OUTER_POINTS)
+        shown = np.stack((self._before[3], behind - sums[:, -1] + sums[after]))
+        needed = LEAST_SUPPORT_SHARE * np.stack((place, behind))
+        self._begins, self._ends = shown >= np.maximum(needed, FEWEST_OUTER_POINTS)
         self._pay = least[before] - least[after]
         self._total = least[:, -1]
-        self._kinds = [np.flatnonzero(candidates.kind == k) for k in range(len(CANDIDATE_KINDS))]
 
     def cheapest_chains(self, model: GrooveModel, most: int) -> list[SideChain]:
         """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
         if kernel.compiled is not None:
             cheapest = kernel.compiled.cheapest_chains(self._search, _form_values(model), most)
             return [SideChain(c, sides, np.array(xz).reshape(-1, 2)) for c, sides, xz in cheapest]
-        layers = [
-            np.concatenate([self._kinds[k] for k in kinds]) for kinds in kinds_of_sides(model)
-        ]
-        chains, costs = np.empty((1, 0), dtype=np.intp), np.empty(0)
-        for i, bounds in enumerate(model.turns):
-            pair = layers[i][:, None], layers[i + 1]
+        kinds = kinds_of_sides(model)
+        layers = [np.flatnonzero(np.isin(self.candidates.kind, kind)) for kind in kinds]
+        pairs = [np.ix_(*pair) for pair in pairwise(layers)]
+        steps = []
+        for bounds, pair in zip(model.turns, pairs, strict=True):
             turn = self._corners.before[pair] - self._corners.after[pair]
             allowed = (turn >= bounds.least) & (turn <= bounds.most)
-            if i == 0:
-                allowed &= self._begins[pair]
-            if i == len(model.turns) - 1:
-                allowed &= self._ends[pair]
-            first, second = allowed.nonzero()
-            joint = np.array((layers[i][first], layers[i + 1][second]))
-            if i == 0:
-                chains, costs = joint, self._pay[tuple(joint)]
-                continue
-            chains, costs, number = self._lengthen_chains(chains, costs, joint, model.sides[i])
-            if i < len(model.turns) - 1:
+            steps.append(np.where(allowed, self._pay[pair], np.inf))
+        steps[0] = np.where(self._begins[pairs[0]], steps[0], np.inf)
+        steps[-1] = np.where(self._ends[pairs[-1]], steps[-1], np.inf)
+        cost, ways = steps[0], []
+        for i, step in enumerate(steps[1:], 1):
+            cost = np.where(
+                self._may_be_side(pairs[i - 1], pairs[i], model.sides[i]),
+                cost[:, :, None] + step,
+                np.inf,
+            )
+            if i + 1 < len(steps):
                 # Of those with the same last two sides the cheapest goes on.
-                order = np.lexsort((costs, number))
-                order = order[np.diff(number[order], prepend=-1) > 0]
-                chains, costs = chains[:, order], costs[order]
-        if not len(costs):
+                ways.append(cost.argmin(axis=0))
+                cost = cost.min(axis=0)
+        cost = (cost + self._total[layers[-1]]).ravel()
+        order = np.argsort(cost)[:MOST_CHAINS_COMPARED]
+        order = order[np.isfinite(cost[order])]
+        if not len(order):
             return []
-        costs += self._total[chains[-1]]
-        chains = chains[:, np.argsort(costs)[:MOST_CHAINS_COMPARED]].T
+        last = list(np.unravel_index(order, [len(layer) for layer in layers[-3:]]))
+        for way in reversed(ways):
+            last.insert(0, way[last[0], last[1]])
+        chains = np.transpose([layer[one] for layer, one in zip(layers, last, strict=True)])
         pair = chains[:, :-1], chains[:, 1:]
         across = self._corners.before[pair][:, 0] - self._corners.after[pair][:, -1]
-        costs = np.where(
-            (across >= model.across.least) & (across <= model.across.most),
-            self._exact_costs(chains, self._corners.place[pair]),
-            np.inf,
-        )
+        costs = self._exact_costs(chains, self._corners.place[pair])
+        costs[~((across >= model.across.least) & (across <= model.across.most))] = np.inf
         corners = np.stack((self._corners.x[pair], self._corners.z[pair]), axis=-1)
         found: list[SideChain] = []
         for i in np.argsort(costs, kind="stable").tolist():
@@ -197,6 +194,31 @@ class ChainSearch:
             if all(np.abs(corners[i] - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
                 found.append(SideChain(float(costs[i]), chains[i].tolist(), corners[i]))
         return found
+
+    def _may_be_side(
+        self, before: tuple[Index, ...], after: tuple[Index, ...], side: SideModel
+    ) -> NDArray[np.bool_]:
+        """Which candidates b between a and c may be such a side, shape (a, b, c).
+
+        Parameters
+        ----------
+        before, after : tuple of ndarray
+            Numbers of all a and b, and of all b and c, as `numpy.ix_` gives them.
+        side : SideModel
+        """
+        span, x, z, support = (
+            one[after] - other[before][..., None]
+            for one, other in zip(self._before, self._after, strict=True)
+        )
+        square, least = x * x + z * z, np.maximum(LEAST_SUPPORT_SHARE * span, FEWEST_INNER_POINTS)
+        fits = (span > 0) & (support >= least)
+        fits &= square > (SIDE_LENGTH_SLACK * side.shortest) ** 2
+        fits &= square < (side.longest / SIDE_LENGTH_SLACK) ** 2
+        if side.bead:
+            chord = np.arctan2(z, -x)
+            fits &= self._corners.before[before][..., None] - chord > LEAST_FACE_TURN
+            fits &= chord - self._corners.after[after] > LEAST_FACE_TURN
+        return np.asarray(fits)
 
     def _exact_costs(self, chains: Index, places: Index) -> Array:
         """What all points pay if only runs that lie off a chain as a whole are reflections, (m,).
@@ -208,63 +230,26 @@ class ChainSearch:
         sides = chains.ravel().repeat(sizes.ravel()).reshape(-1, count)
         return self._runs.total_cost(self._costs.take(sides * count + np.arange(count)))
 
-    def _lengthen_chains(
-        self, chains: Index, costs: Array, joint: Index, side: SideModel
-    ) -> tuple[Index, Array, Index]:
-        """Chains, shape (k, m), that end with pairs `joint`, (2, p), their costs, and which pairs.
-
-        The last side of the chains so far, shape (k - 1, ...), has to fit as such a side.
-        """
-        start = joint[0].searchsorted(chains[-1])
-        count = joint[0].searchsorted(chains[-1], side="right") - start
-        own = np.arange(len(costs)).repeat(count)
-        pair = np.arange(len(own)) + (start - count.cumsum() + count).repeat(count)
-        a, (b, c) = chains[-2, own], joint[:, pair]
-        span, x, z, support = (self._before[b, c] - self._after[a, b]).T
-        square = x * x + z * z
-        fits = (
-            (span > 0) & (support >= LEAST_SUPPORT_SHARE * span) & (support >= FEWEST_INNER_POINTS)
-        )
-        fits &= square > (SIDE_LENGTH_SLACK * side.shortest) ** 2
-        fits &= square < (side.longest / SIDE_LENGTH_SLACK) ** 2
-        if side.bead:
-            chord = np.arctan2(z, -x)
-            fits &= self._corners.before[a, b] - chord > LEAST_FACE_TURN
-            fits &= chord - self._corners.after[b, c] > LEAST_FACE_TURN
-        own, pair = own[fits], pair[fits]
-        longer = np.concatenate((chains[:, own], joint[1:, pair]))
-        return longer, costs[own] + self._pay[longer[-2], longer[-1]], pair
-
 
 @lru_cache
 def _form_values(model: GrooveModel) -> Array:
     """What the compiled kernel knows of a form, shape (k, 7)."""
-    kinds = [sum(1 << kind for kind in own) for own in kinds_of_sides(model)]
-    turns = [*((turn.least, turn.most) for turn in model.turns), (0.0, 0.0)]
-    ends = [model.across.least, model.across.most, *[0.0] * len(turns)]
-    return np.array(
-        [
-            (kind, side.shortest, side.longest, side.bead, *turn, end)
-            for kind, side, turn, end in zip(kinds, model.sides, turns, ends, strict=False)
-        ]
-    )
+    values = np.zeros((len(model.sides), 7))
+    values[:, 0] = [sum(1 << kind for kind in own) for own in kinds_of_sides(model)]
+    values[:, 1:4] = [(side.shortest, side.longest, side.bead) for side in model.sides]
+    values[:-1, 4:6] = [(turn.least, turn.most) for turn in model.turns]
+    values[:2, 6] = model.across.least, model.across.most
+    return values
 
 
 def kinds_of_sides(model: GrooveModel) -> list[tuple[int, ...]]:
     """Which kinds each side may be of; the face of a bead may as well be straight."""
     kinds: list[tuple[int, ...]] = []
     for side in model.sides:
-        bent = BENT_KIND if side.bend > 2 * CANDIDATE_KINDS[STRAIGHT_KIND].bend else STRAIGHT_KIND
+        bent = BENT_KIND if side.bend > 2 * KIND_BENDS[STRAIGHT_KIND] else STRAIGHT_KIND
         bead = (WELD_KIND,) if side.roughness else (STRAIGHT_KIND, BEAD_KIND)
         kinds.append(bead if side.bead else (bent,))
     return kinds
-
-
-def _running_sums(values: Array) -> Array:
-    """Sums of the first 0, 1, 2 … values of each row, shape (m, n) to (m, n + 1)."""
-    sums = np.zeros((len(values), values.shape[1] + 1))
-    np.cumsum(values, axis=1, out=sums[:, 1:])
-    return sums
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")

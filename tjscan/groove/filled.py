@@ -7,15 +7,13 @@ and is not deeper than the bare groove is the weld's surface: no form of it is a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, array_dataclass
-from tjscan.groove.read import order_points
+from tjscan.groove.read import order_points, select_points
 from tjscan.groove.reflections import find_runs
 from tjscan.groove.root import HOLLOW_SIGMA_SHARE, WELD_IN_GROOVE
 from tjscan.groove.section import GrooveSection, section_in_plane
@@ -64,26 +62,12 @@ ROUGHNESS_POINTS: Final = 25
 _MAD_TO_SIGMA: Final = 1.4826
 
 
-@dataclass(frozen=True, slots=True)
-class FaceDoubt:
-    """How far a face may be from where it is known to be: standard deviations.
-
-    Parameters
-    ----------
-    offset, slope, bend : float
-        Square to it in metres, of its direction in radians, of its bend in 1/m.
-    """
-
-    offset: float
-    slope: float
-    bend: float
-
-
-WALL_DOUBT: Final = FaceDoubt(1.0e-3, 0.01, 0.15)
-BEVEL_DOUBT: Final = FaceDoubt(0.2e-3, 0.01, 0.3)
-LEG_DOUBT: Final = FaceDoubt(0.3e-3, 0.01, 0.3)
-"""A groove closes by 1.5 mm and 0.4 degrees as 25 mm are welded, and the bevel goes with the wall.
-An arm comes back to the leg."""
+WALL_DOUBT: Final = (1.0e-3, 0.01, 0.15)
+BEVEL_DOUBT: Final = (0.2e-3, 0.01, 0.3)
+LEG_DOUBT: Final = (0.3e-3, 0.01, 0.3)
+"""How far a face may be from where it is known to be, standard deviations: square to it in metres,
+of its direction in radians, of its bend in 1/m. A groove closes by 1.5 mm and 0.4 degrees as 25 mm
+are welded, and the bevel goes with the wall. An arm comes back to the leg."""
 
 
 @array_dataclass
@@ -113,14 +97,6 @@ class KnownFlanks:
             s, d = _parabola(points[corner], along).local_coordinates(points[[end]])
             bends.append(float(d[0] / s[0] ** 2))
         return cls(points[1:4], wall, leg, np.array(bends))
-
-    @classmethod
-    def of_section(cls, section: GrooveSection) -> KnownFlanks:
-        """Those of a section of the bare groove in the same frame s."""
-        points, wall, leg = (
-            v[..., [0, 2]] for v in (section.points_s, section.wall_s, section.leg_s)
-        )
-        return cls.of_points(points, wall, leg)
 
 
 @array_dataclass
@@ -211,7 +187,7 @@ def read_filled_groove(
             "one, or the sensor is elsewhere",
             row.points,
         )
-    row = _without_reflections(_select_points(row, ~deeper))
+    row = _without_reflections(select_points(row, ~deeper))
     bevel = _fit_face(row.points, bare, 1, BEVEL_DOUBT, length)
     return _filled_groove(row, wall, bevel, leg, top + down)
 
@@ -222,26 +198,26 @@ def _parabola(start: Array, along: Array, bend: float = 0.0) -> CubicCurve:
     return CubicCurve(x, z, tx, tz, 0.0, 0.0, bend)
 
 
-def _select_points(row: Profile, kept: NDArray[np.bool_]) -> Profile:
-    return replace(row, x_s=row.x_s[kept], z_s=row.z_s[kept], columns=row.columns[kept])
-
-
 def _fit_face(
-    points: Array, base: CubicCurve, way: int, doubt: FaceDoubt, reach: float = FACE_REACH
+    points: Array,
+    base: CubicCurve,
+    way: int,
+    doubt: tuple[float, float, float],
+    reach: float = FACE_REACH,
 ) -> _Face | None:
     """Fit a face near where it is known to be; None if too little of it is seen.
 
     It lies beyond the middle of its chord, along that or (`way` -1) against it.
     """
-    s, d = base.local_coordinates(points)[0], base.signed_distances(points)
-    most = 3 * (doubt.offset + doubt.slope * np.abs(s)) + FIRST_REACH
+    (s, _), d = base.local_coordinates(points), base.signed_distances(points)
+    offset, slope, _ = doubt
+    most = 3 * (offset + slope * np.abs(s)) + FIRST_REACH
     own = (way * s > FACE_MARGIN) & (way * s < reach) & (np.abs(d) < most)
     s, d = s[own], d[own]
-    offsets = np.arange(-3 * doubt.offset, 3 * doubt.offset, OFFSET_STEP)
+    offsets = np.arange(-3 * offset, 3 * offset, OFFSET_STEP)
     off = np.minimum(((d - offsets[:, None]) / FIRST_REACH) ** 2, 1).sum(axis=1)
-    found = np.array((offsets[(off + (offsets / doubt.offset) ** 2).argmin()], 0.0, 0.0))
-    basis = np.stack((np.ones_like(s), s, s * s))
-    known = np.diag(np.array((doubt.offset, doubt.slope, doubt.bend)) ** -2.0)
+    found = np.array((offsets[(off + (offsets / offset) ** 2).argmin()], 0.0, 0.0))
+    basis, known = np.vander(s, 3, increasing=True).T, np.diag(np.array(doubt) ** -2)
     sigma, inflation, cut = FIRST_REACH, 1.0, FIRST_REACH
     for _ in range(FACE_FIT_ROUNDS):
         off = d - found @ basis
@@ -278,7 +254,7 @@ def _without_reflections(row: Profile) -> Profile:
     kept, k = np.zeros(len(score), dtype=np.bool_), int(score.argmax())
     while k >= 0:
         kept[k], k = True, int(before[k])
-    return _select_points(row, kept.repeat(runs.count))
+    return select_points(row, kept.repeat(runs.count))
 
 
 def _filled_groove(
@@ -290,29 +266,32 @@ def _filled_groove(
     """
     points, covariance = row.points, np.zeros((8, 8))
     met = bevel and intersect_curves(wall.curve, bevel.curve, 0.0)
-    flank = bevel if bevel and met else wall
     s_wall, s_flank = met or (0.0, 0.0)
-    top = np.array(wall.curve.point_on_curve(s_wall))
-    tangent, angle_per_slope = _tangent_and_turn(wall, s_wall)
-    along = np.array(flank.curve.tangent_at(s_flank)) if flank is bevel else tangent
-    # Moved square to itself the wall takes the top along the bevel, and the other way round.
-    turn = tangent[0] * along[1] - tangent[1] * along[0]
-    by_wall = along / -turn if flank is bevel else np.array((tangent[1], -tangent[0]))
-    by_other = tangent / turn if flank is bevel else tangent
-    other = flank.covariance_at(s_flank)[0, 0] if flank is bevel else COVERED_TOP_SIGMA**2
+    flank = bevel if bevel and met else wall
+    top, tangent = (
+        np.array(value)
+        for value in (wall.curve.point_on_curve(s_wall), wall.curve.tangent_at(s_wall))
+    )
+    by_wall, by_other, other = None, tangent, COVERED_TOP_SIGMA**2
+    if flank is bevel:
+        # Moved square to itself the wall takes the top along the bevel, and the other way round.
+        along = np.array(bevel.curve.tangent_at(s_flank))
+        turn = tangent[0] * along[1] - tangent[1] * along[0]
+        by_wall, by_other = along / -turn, tangent / turn
+        other = bevel.covariance_at(s_flank)[0, 0]
     covariance[:2, :2] = other * np.outer(by_other, by_other)
-    _add_face(covariance, (0, 1, 6), wall.covariance_at(s_wall), by_wall, angle_per_slope)
+    _add_face(covariance, (0, 1, 6), wall, s_wall, by_wall)
     # A weld may go on where a face does that ends at its corner.
     inner = np.array((top, root, leg.curve.point_on_curve(0.0)))
-    at_top, at_root, at_leg = _bearings(points).searchsorted(_bearings(inner)).tolist()
+    bearings, inner = (-side[:, 0] / side[:, 1] for side in (points, inner))
+    at_top, at_root, at_leg = bearings.searchsorted(inner).tolist()
     own = slice(at_top, at_root) if flank is bevel else slice(0, at_top)
     begin = own.start + flank.end_on(points[own])
     stop = len(points) - leg.end_on(points[max(at_leg, begin) :][::-1])
     toe, s_toe = _last_place(flank, points[max(begin - 1, 0)])
     foot, s_foot = _last_place(leg, points[min(stop, len(points) - 1)])
-    _add_face(covariance, (2, 3, 7), flank.covariance_at(s_toe), _normal(flank, s_toe), 0.0)
-    leg_along, leg_turn = _tangent_and_turn(leg, s_foot)
-    _add_face(covariance, (4, 5, 7), leg.covariance_at(s_foot), _normal(leg, s_foot), leg_turn)
+    _add_face(covariance, (2, 3), flank, s_toe)
+    _add_face(covariance, (4, 5, 7), leg, s_foot)
     weld = slice(begin, max(begin, stop))
     sigmas = _sigmas_along_rays(row, wall, leg)
     gaps = np.linalg.norm(np.diff(np.vstack((toe, points[weld], foot)), axis=0), axis=1)
@@ -320,7 +299,7 @@ def _filled_groove(
     spread += HOLLOW_SIGMA_SHARE**2 * float(np.sum(gaps**4))
     section = section_in_plane(
         np.array((points[0], top, toe, foot, points[-1])),
-        ((tangent[0], tangent[1]), (leg_along[0], leg_along[1])),
+        (wall.curve.tangent_at(s_wall), leg.curve.tangent_at(s_foot)),
         rms=wall.sigma,
         covariance=covariance,
         surface=points[weld],
@@ -332,26 +311,18 @@ def _filled_groove(
     return FilledGroove(section, points, sigmas, weld)
 
 
-def _bearings(points: Array) -> Array:
-    return np.asarray(-points[:, 0] / points[:, 1])
-
-
 def _add_face(
-    covariance: Array, index: tuple[int, int, int], own: Array, shift: Array, turn: float
+    covariance: Array, index: tuple[int, ...], face: _Face, s: float, shift: Array | None = None
 ) -> None:
-    """Add what a face's height and slope do to a corner and to its angle."""
-    by = np.array(((shift[0], 0.0), (shift[1], 0.0), (0.0, turn)))
-    covariance[np.ix_(index, index)] += by @ own @ by.T
+    """Add what a face's height and slope at s do to a corner and, if that is counted, to its angle.
 
-
-def _tangent_and_turn(face: _Face, s: float) -> tuple[Array, float]:
-    """Tangent of a face at s, and by how much its angle grows with its slope."""
-    return np.array(face.curve.tangent_at(s)), -1 / (1 + face.curve.height_and_slope(s)[1] ** 2)
-
-
-def _normal(face: _Face, s: float) -> Array:
-    tx, tz = face.curve.tangent_at(s)
-    return np.array((tz, -tx))
+    The corner moves by `shift` as the face moves back by one, by default along its normal.
+    """
+    (tx, tz), slope = face.curve.tangent_at(s), face.curve.height_and_slope(s)[1]
+    by = np.zeros((len(index), 2))
+    by[:2, 0] = (tz, -tx) if shift is None else shift
+    by[2:, 1] = -1 / (1 + slope**2)
+    covariance[np.ix_(index, index)] += by @ face.covariance_at(s) @ by.T
 
 
 def _last_place(face: _Face, point: Array) -> tuple[Array, float]:

@@ -7,18 +7,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from functools import lru_cache
 from importlib import import_module
 from types import ModuleType
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.settings import SideModel
-from tjscan.groove.sides import SCALING_LENGTH, CubicCurve, FittedProfile, Polyline
-from tjscan.laser.profile import Profile
+from tjscan.groove.sides import SCALING_LENGTH
 
 KERNEL_VERSION: Final = 5
 """Rises with every change of what the compiled loops take and give: sources that were updated may
@@ -43,47 +42,8 @@ compiled: ModuleType | None = load_kernel()
 """The compiled loops; None where NumPy does them."""
 
 
-def refine_fit(
-    compiled: ModuleType,
-    row: Profile,
-    start: Polyline,
-    model: tuple[SideModel, ...],
-    tolerance: float,
-    annealed: bool,
-    known: Sequence[Array],
-) -> FittedProfile | None:
-    """What `refinement.refine_fit` gives."""
-    n = row.x_s.size
-    values, points, keep = _fit_record(len(model)).copy(), np.empty((2, n)), np.empty(n, np.bool_)
-    found = compiled.refine_fit(
-        *(row.x_s, row.z_s, row.columns, np.array(start.sides), start.corners),
-        *(model_values(model), np.array(known), values.view(np.float64), points, keep),
-        *(row.column_count, tolerance, annealed),
-    )
-    if found is None:
-        return None
-    finished, *edges = found
-    value = values[0]
-    return FittedProfile(
-        curves=tuple(map(CubicCurve._make, value["curves"].tolist())),
-        places=tuple(map(tuple, value["places"].tolist())),
-        edges=edges,
-        spans=tuple(map(slice, edges, edges[1:])),
-        along=points[0],
-        residuals=points[1],
-        keep=keep,
-        curved=value["curved"] > 0,
-        equations=(value["matrices"], value["right"]),
-        counts=value["counts"].astype(np.intp),
-        middles=tuple(value["middles"].tolist()),
-        variance_inflation=float(value["inflation"][0]),
-        straight=value["straight"] if finished else None,
-        **{name: value[name] for name in ("corners", "sigmas", "inverse", "weight")},
-    )
-
-
 @lru_cache
-def _fit_record(k: int) -> Array:
+def fit_record(k: int) -> Array:
     """Room for what a compiled fit of k sides gives, in its order."""
     corner, side, matrix, vector = (k - 1, 2), (k,), (k, 4, 4), (k, 4)
     shapes = {"curves": (k, 8), "places": corner, "corners": corner, "sigmas": side, "counts": side}
@@ -95,17 +55,18 @@ def _fit_record(k: int) -> Array:
 @lru_cache
 def model_values(model: tuple[SideModel, ...]) -> Array:
     """What a compiled fit knows of each side, shape (k, 6)."""
-    square, cube = SCALING_LENGTH**2, SCALING_LENGTH**3
-    return np.array(
-        [
-            (
-                side.bend * square,
-                side.twist * cube,
-                (side.expected_bend or 0.0) * square,
-                side.roughness,
-                side.bead,
-                side.expected_bend is not None,
-            )
-            for side in model
-        ]
-    )
+    values = [
+        (s.bend, s.twist, s.expected_bend or 0.0, s.roughness, s.bead, s.expected_bend is not None)
+        for s in model
+    ]
+    return np.array(values) * (SCALING_LENGTH ** np.array((2, 3, 2, 0, 0, 0)))
+
+
+def side_priors(model: tuple[SideModel, ...]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """What is known of each of k sides, in powers of s / 20 mm.
+
+    Standard deviations of bend and twist, shape (k, 2), the mean of the bend, how rough it is in
+    metres, and whether it is a bead, shape (k,).
+    """
+    values = model_values(model)
+    return values[:, :2], values[:, 2], values[:, 3], values[:, 4] > 0

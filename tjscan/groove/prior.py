@@ -18,11 +18,12 @@ import numpy as np
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 from tjscan.groove.settings import GrooveModel
 
-NOTCH_PULLS: Final = readonly_copy(
-    np.concatenate((np.arange(21) * 25e-6, np.arange(6, 16) * 100e-6))
+TRIED_NOTCH_PULLS: Final = readonly_copy(
+    1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0))
 )
-"""How far light between the faces may pull a notch in, in metres: real profiles
-show 0.4 to 1.5 mm."""
+NOTCH_PULLS: Final = readonly_copy(np.append(0.0, TRIED_NOTCH_PULLS))
+"""How far light between the faces may pull a notch in, in metres, without no pull and with it: real
+profiles show 0.4 to 1.5 mm."""
 
 SCALE_THICKNESSES: Final = readonly_copy(np.concatenate(([0.0], np.arange(4, 21, 2) * 25e-6)))
 """How thick mill scale may be, in metres: real profiles show 0.2 to 0.4 mm."""
@@ -166,17 +167,12 @@ class GroovePrior:
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:
     """Probabilities of values, shape (..., n), by Bayes' rule from logarithms of any offset."""
-    return np.exp(_normalise_log_probabilities(log_prior + log_likelihood))
-
-
-def _normalise_log_probabilities(log_share: Array) -> Array:
-    log_share = log_share - log_share.max(axis=-1, keepdims=True)
-    return np.asarray(log_share - np.log(np.exp(log_share).sum(axis=-1, keepdims=True)))
+    log_share = log_prior + log_likelihood
+    share = np.exp(log_share - log_share.max(axis=-1, keepdims=True))
+    return np.asarray(share / share.sum(axis=-1, keepdims=True))
 
 
 def _mix_with_base_probabilities(log_share: Array, log_base: Array) -> Array:
     """Logarithm of probabilities that also count what is likely without anything known."""
-    share = (1 - SCALE_CHANGE_PROBABILITY) * np.exp(
-        _normalise_log_probabilities(log_share)
-    ) + SCALE_CHANGE_PROBABILITY * np.exp(log_base)
-    return np.asarray(np.log(share))
+    share = (1 - SCALE_CHANGE_PROBABILITY) * posterior(log_share, np.zeros_like(log_share))
+    return np.asarray(np.log(share + SCALE_CHANGE_PROBABILITY * np.exp(log_base)))

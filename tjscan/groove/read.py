@@ -7,6 +7,7 @@ from math import cos, degrees, hypot, sqrt
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -127,8 +128,13 @@ def order_points(profile: Profile, settings: GrooveSettings) -> Profile:
             "are needed. Is the surface inside the sensor's range, and the laser on?",
             profile.points[columns],
         )
-    x_s, z_s = profile.x_s[columns], profile.z_s[columns]
-    return Profile(x_s, z_s, columns=profile.columns[columns], column_count=profile.column_count)
+    return select_points(profile, columns)
+
+
+def select_points(profile: Profile, chosen: Index | NDArray[np.bool_]) -> Profile:
+    """Some of a profile's points, by their numbers or a mask."""
+    x_s, z_s = profile.x_s[chosen], profile.z_s[chosen]
+    return replace(profile, x_s=x_s, z_s=z_s, columns=profile.columns[chosen])
 
 
 def _columns_by_bearing(profile: Profile) -> Index:

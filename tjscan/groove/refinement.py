@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from math import log
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -156,12 +155,6 @@ def estimate_variance_inflation(
     return inflation
 
 
-def side_noise_variances(fitted: FittedProfile) -> Array:
-    """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
-    lost = noise_share_in_fit(2 + fitted.curved, fitted.variance_inflation, fitted.counts)
-    return np.asarray(fitted.sigmas**2 / (1 - lost))
-
-
 def refine_fit(
     row: Profile,
     start: Polyline,
@@ -189,9 +182,16 @@ def refine_fit(
         finished.
     """
     if kernel.compiled is not None:
-        return kernel.refine_fit(kernel.compiled, row, start, model, tolerance, annealed, known)
+        values, keep = kernel.fit_record(len(model)).copy(), np.empty(len(row.x_s), np.bool_)
+        points = np.empty((2, len(keep)))
+        found = kernel.compiled.refine_fit(
+            *(row.x_s, row.z_s, row.columns, np.array(start.sides), start.corners),
+            *(kernel.model_values(model), np.array(known), values.view(np.float64), points, keep),
+            *(row.column_count, tolerance, annealed),
+        )
+        return found and _compiled_fit(values[0], points, keep, *found)
     widths = FIRST_ROUND_TOLERANCES if annealed else ()
-    spread, expected, roughness, bead = side_priors(model)
+    spread, expected, roughness, bead = kernel.side_priors(model)
     curved, inflation = spread[:, 0] > 0, _GUESSED_VARIANCE_INFLATION
     # What sticks to the long outer sides is wider than their noise.
     reach = np.ones(len(model))
@@ -298,37 +298,25 @@ def _fit_sides_once(
 
     On the sides `steel`, shape (k,), points beside ghosts are dropped.
     """
-    x, z = row.x_s, row.z_s
-    cuts = (-x / z).searchsorted(-start.corners[:, 0] / start.corners[:, 1]).tolist()
-    edges = [0, *cuts, len(row.points)]
-    sizes = [b - a for a, b in pairwise(edges)]
-    if min(sizes) < FEWEST_SIDE_POINTS:
+    points, corners = row.points, start.corners
+    cuts = (-row.x_s / row.z_s).searchsorted(-corners[:, 0] / corners[:, 1]).tolist()
+    edges = [0, *cuts, len(points)]
+    sizes, spans = np.diff(edges), tuple(map(slice, edges, edges[1:]))
+    if sizes.min() < FEWEST_SIDE_POINTS:
         return None
-    # Of each point's side: x and z of its s, its d and their origins, and its coefficients.
-    ex, ez, es, ed, c0, c1, c2, c3, scale = np.array(
-        [
-            (tx, tz, cx * tx + cz * tz, cx * tz - cz * tx, *coefficients, OUTLIER_SIGMAS / limit)
-            for (cx, cz, tx, tz, *coefficients), limit in zip(
-                start.sides, limits.tolist(), strict=True
-            )
-        ]
-    ).T.repeat(sizes, axis=1)
-    s, d = x * ex + z * ez - es, x * ez - z * ex - ed
-    scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
+    own = [(side, points[span]) for side, span in zip(start.sides, spans, strict=True)]
+    s, d = np.concatenate([side.local_coordinates(of_side) for side, of_side in own], axis=1)
+    off = np.concatenate([side.signed_distances(of_side) for side, of_side in own])
+    scaled = OUTLIER_SIGMAS * off / limits.repeat(sizes)
     keep = np.abs(scaled) < OUTLIER_SIGMAS
     if steel is not None:
         keep = _drop_points_beside_ghosts(scaled, keep, np.array(edges), steel)
     if left_out is not None:
         keep &= ~left_out
-
-    u = s / SCALING_LENGTH
-    terms = np.empty((11, len(u)))
-    terms[0] = keep
-    for j in range(6):
-        np.multiply(terms[j], u, out=terms[j + 1])
-    np.multiply(terms[:4], d, out=terms[7:])
+    powers = np.vander(s / SCALING_LENGTH, 7, increasing=True).T
+    terms = np.concatenate((powers, powers[:4] * d)) * keep
     sums = np.add.reduceat(terms, edges[:-1], axis=1)
-    counts = sums[0]
+    counts = sums[0].astype(np.intp)
     if counts.min() < FEWEST_SIDE_POINTS:
         return None
     equations = sums[_HANKEL_INDEX].transpose(2, 0, 1), sums[7:].T
@@ -336,57 +324,24 @@ def _fit_sides_once(
         c, inverse = solve_with_prior(equations, *prior)
     except np.linalg.LinAlgError:
         return None
-    c0, c1, c2, c3 = c.T.repeat(sizes, axis=1)
-    residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
-    sigmas = _residual_sigmas(residuals, keep, edges, counts)
-    fitted = tuple(
-        CubicCurve(*f[:4], *q)
-        for f, q in zip(start.sides, (c / SCALING_LENGTH_POWERS).tolist(), strict=True)
-    )
-    met = corners_between_sides(fitted, start.corners)
+    residuals = d - (c.T.repeat(sizes, axis=1) * powers[:4]).sum(axis=0)
+    chords = np.array(start.sides)[:, :4]
+    curves = tuple(map(CubicCurve._make, np.hstack((chords, c / SCALING_LENGTH_POWERS)).tolist()))
+    met = corners_between_sides(curves, corners)
     if met is None:
         return None
+    near = [np.sort(np.abs(residuals[span][keep[span]])) for span in spans]
+    sigmas = _MAD_TO_SIGMA * np.array([side[len(side) // 2] for side in near])
+    pooled = POOLED_NOISE_POINTS * (sigmas @ counts) / counts.sum()
+    sigmas = (counts * sigmas + pooled) / (counts + POOLED_NOISE_POINTS)
     middles = tuple((SCALING_LENGTH * sums[1] / counts).tolist())
-    weight, _ = prior
     return FittedProfile(
-        fitted,
-        met[1],
-        met[0],
-        edges,
-        tuple(map(slice, edges, edges[1:])),
-        s,
-        residuals,
-        keep,
-        sigmas,
-        curved,
-        equations,
-        inverse,
-        weight,
-        counts.astype(np.intp),
-        middles,
+        *(curves, met[1], met[0], edges, spans, s, residuals, keep, sigmas, curved),
+        *(equations, inverse, prior[0], counts, middles),
     )
 
 
 _HANKEL_INDEX: Final = np.add.outer(np.arange(4), np.arange(4))
-
-
-def _residual_sigmas(
-    residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts: Array
-) -> Array:
-    """Robust standard deviation of each side's residuals, shape (k,)."""
-    size = np.abs(residuals)
-    size[~keep] = np.inf
-    found = []
-    for (a, b), count in zip(pairwise(edges), counts.tolist(), strict=True):
-        half = int(count) // 2
-        side = size[a:b]
-        side.partition(half)
-        found.append(_MAD_TO_SIGMA * float(side[half]))
-    sigma = np.array(found)
-    pooled = float(sigma @ counts) / float(counts.sum())
-    return np.asarray(
-        (counts * sigma + POOLED_NOISE_POINTS * pooled) / (counts + POOLED_NOISE_POINTS)
-    )
 
 
 def _drop_points_beside_ghosts(
@@ -436,7 +391,9 @@ def coefficient_covariances(
     Noise enters through the points, the unknown bend and twist through the prior: ``inverse
     (sigma² inflation A + W S W) inverse``.
     """
-    variance = fitted.variance_inflation * side_noise_variances(fitted)
+    # A fit takes up some of the noise.
+    lost = noise_share_in_fit(2 + fitted.curved, fitted.variance_inflation, fitted.counts)
+    variance = fitted.variance_inflation * fitted.sigmas**2 / (1 - lost)
     meat = variance[:, None, None] * fitted.equations[0]
     meat[:, (2, 3), (2, 3)] += (np.where(weight < FIXED_WEIGHT, weight, 0.0)[:, 2:] * spread) ** 2
     return np.asarray(inverse @ meat @ inverse)
@@ -444,7 +401,7 @@ def coefficient_covariances(
 
 def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
-    spread, *_ = side_priors(model)
+    spread, *_ = kernel.side_priors(model)
     covariances = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     variance = np.maximum(covariances[:, 2, 2], 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * SCALING_LENGTH**2
@@ -454,11 +411,23 @@ def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, .
     return np.where(known, -np.inf, odds)
 
 
-def side_priors(model: tuple[SideModel, ...]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """What is known of each of k sides, in powers of s / 20 mm.
-
-    Standard deviations of bend and twist, shape (k, 2), the mean of the bend, how rough it is in
-    metres, and whether it is a bead, shape (k,).
-    """
-    values = kernel.model_values(model)
-    return values[:, :2], values[:, 2], values[:, 3], values[:, 4] > 0
+def _compiled_fit(
+    value: Any, points: Array, keep: NDArray[np.bool_], finished: bool, *edges: int
+) -> FittedProfile:
+    """What the compiled loops found, of such a record."""
+    return FittedProfile(
+        curves=tuple(map(CubicCurve._make, value["curves"].tolist())),
+        places=tuple(map(tuple, value["places"].tolist())),
+        edges=list(edges),
+        spans=tuple(map(slice, edges, edges[1:])),
+        along=points[0],
+        residuals=points[1],
+        keep=keep,
+        curved=value["curved"] > 0,
+        equations=(value["matrices"], value["right"]),
+        counts=value["counts"].astype(np.intp),
+        middles=tuple(value["middles"].tolist()),
+        variance_inflation=float(value["inflation"][0]),
+        straight=value["straight"] if finished else None,
+        **{name: value[name] for name in ("corners", "sigmas", "inverse", "weight")},
+    )

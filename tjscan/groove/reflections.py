@@ -49,9 +49,8 @@ runs, and noise is correlated, so that a point counts for a part of an independe
 LEAST_READING_ODDS: Final = 0.01
 """Readings less likely than this, over the likeliest, are left out."""
 
-REFLECTION_DISTANCE, NOTCH_REFLECTION_DISTANCE = 3e-3, 4e-3
-"""How far reflections lie off the surface, in metres, and those that look like a bead's face, where
-light finds many ways between the flanks."""
+REFLECTION_DISTANCE: Final = 3e-3
+"""How far reflections lie off the surface, in metres."""
 
 SHARE_ENDING_AT_SURFACE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
 """Share of the reflections that end so near the surface, by chance, that no jump shows."""
@@ -70,10 +69,6 @@ FEWEST_HIDING: Final = 3
 
 THICKEST_SCALE: Final = 0.5e-3
 """What hangs together with a side, and is farther off it, in metres, is no mill scale."""
-
-SAME_READING_DISTANCE: Final = 0.05e-3
-"""Readings whose corners differ by less, in metres, are one."""
-
 
 LEAST_CAP, MOST_CAP = 5e-3, 30e-3
 CAP_HEIGHT: Final = 0.5e-3
@@ -172,7 +167,7 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     ----------
     best : GrooveFit
     others : list of GrooveFit
-        Fits of the same points, of any form of the groove.
+        Fits of the same points, of any form of the groove, the likeliest first.
     """
     bare = without_seam_cap(best.fitted)
     surely = best if bare is best.fitted else replace(best, fitted=bare)
@@ -180,43 +175,30 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     covariance = _covariance_of_readings(best, others, odds)
     covariance += _reflection_covariance(surely) + _unmodelled_steel_covariance(surely)
     # Each form counts once, by its own likeliest reading. What reflections hide may be of any form.
-    forms: dict[str, float] = {}
-    for other, share in zip(others, odds, strict=True):
-        if other.model is not best.model:
-            forms[other.model.name] = max(share, forms.get(other.model.name, 0.0))
+    each = zip(reversed(others), reversed(odds), strict=True)
+    forms = {other.model.name: share for other, share in each if other.model is not best.model}
     probability = (1 - reflection_probability(surely.fitted)) / (1 + sum(forms.values()))
     return replace(best, other_readings=covariance, probability=probability)
 
 
-def _find_seam_cap(fitted: FittedProfile) -> slice:
-    """Points of a bump on the last side that may be a weld's cap; none if there is none."""
+def without_seam_cap(fitted: FittedProfile) -> FittedProfile:
+    """The same with a weld's cap on the leg taken for its surface; itself if it shows no cap."""
     own = fitted.spans[-1]
     s, d = fitted.along[own], -fitted.residuals[own]
     if d.max(initial=0.0) <= CAP_HEIGHT:
-        return slice(0)
+        return fitted
     starts, stops = stretches_of_true_values(d > 0.3 * CAP_HEIGHT)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
         # What begins at the corner hides it.
         if not (a and LEAST_CAP < width < MOST_CAP and CAP_HEIGHT < height < width / 2):
             continue
-        steps = np.abs(np.diff(d[a:b]))
-        if (
-            min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
-            and steps.max() < MOST_CAP_STEP_SHARE * height
-        ):
-            return slice(own.start + a, own.start + b)
-    return slice(0)
-
-
-def without_seam_cap(fitted: FittedProfile) -> FittedProfile:
-    """The same with a weld's cap on the leg taken for its surface; itself if it shows no cap."""
-    cap = _find_seam_cap(fitted)
-    if not cap.stop:
-        return fitted
-    residuals = fitted.residuals.copy()
-    residuals[cap] = 0.0
-    return replace(fitted, residuals=residuals)
+        low = min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
+        if low and np.abs(np.diff(d[a:b])).max() < MOST_CAP_STEP_SHARE * height:
+            residuals = fitted.residuals.copy()
+            residuals[own][a:b] = 0.0
+            return replace(fitted, residuals=residuals)
+    return fitted
 
 
 def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
@@ -238,20 +220,14 @@ def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit], odds: list
 
     It adds nothing to the angles of wall and leg, the last two.
     """
-    moments: list[tuple[float, Array]] = []
-    for other, weight in zip(others, odds, strict=True):
-        if weight < LEAST_READING_ODDS:
-            break
-        away = np.zeros(2 * len(best.model.sides))
+    covariance = np.zeros((2 * len(best.model.sides),) * 2)
+    likely = [share for share in odds if share >= LEAST_READING_ODDS]
+    total = 1 + sum(likely)
+    for other, share in zip(others, likely, strict=False):
+        away = np.zeros(len(covariance))
         for i, j in matched_corners(best.model, other.model):
             away[2 * i : 2 * i + 2] = other.fitted.corners[j] - best.fitted.corners[i]
-        known = (np.zeros_like(away), *(v for _, v in moments))
-        if min(np.abs(away - v).max() for v in known) > SAME_READING_DISTANCE:
-            moments.append((weight, away))
-    covariance = np.zeros((2 * len(best.model.sides),) * 2)
-    total = 1 + sum(weight for weight, _ in moments)
-    for weight, away in moments:
-        covariance += weight / total * np.outer(away, away)
+        covariance += share / total * np.outer(away, away)
     return covariance
 
 
@@ -345,12 +321,6 @@ def corners_seen_from_both_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
     return np.asarray(gaps_beside_corners(fitted).max(axis=1) < MEETING_REACH)
 
 
-def _is_on_sides(fitted: FittedProfile, points: Array, i: int) -> bool:
-    """Whether points lie on a side beside corner i, drawn on: light of two bounces does not."""
-    away = [np.median(np.abs(c.signed_distances(points))) for c in fitted.curves[i : i + 2]]
-    return bool(min(away) < THICKEST_SCALE)
-
-
 def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
@@ -358,8 +328,8 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     that a side goes on with beyond its corner. If they are several, thicker than scale, and begin
     at a corner, it may be at any of them.
     """
-    fitted, sides = fit.fitted, fit.model.sides
-    covariance = np.zeros((2 * len(sides),) * 2)
+    fitted = fit.fitted
+    covariance = np.zeros((2 * len(fitted.curves),) * 2)
     off = ~fitted.points_on_sides
     if np.count_nonzero(off) < FEWEST_HIDING:
         return covariance
@@ -371,18 +341,17 @@ def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     for a, b, joined in zip(first[steel], stop[steel], between[steel], strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
+        points = fit.row.points[a:b]
         for i, corner in enumerate(fitted.corners):
-            away = fit.row.points[a:b] - corner
+            away = points - corner
             ends = np.hypot(*away[[0, -1]].T)
-            if not (joined or _is_on_sides(fitted, fit.row.points[a:b], i)):
+            # What lies on a side beside the corner, drawn on, is no light of two bounces.
+            off_sides = [np.abs(c.signed_distances(points)) for c in fitted.curves[i : i + 2]]
+            if not joined and min(map(np.median, off_sides)) >= THICKEST_SCALE:
                 continue
             if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
-                # A bead behind which steel is seen at one end is not there at the other, either.
-                behind = joined and fitted.residuals[a] > 0
-                others = [j for j in (i - 1, i + 1) if behind and sides[max(i, j)].bead]
-                for j in (i, *others):
-                    own = slice(2 * j, 2 * j + 2)
-                    covariance[own, own] += away.T @ away / len(away)
+                own = slice(2 * i, 2 * i + 2)
+                covariance[own, own] += away.T @ away / len(away)
     return covariance
 
 
@@ -397,9 +366,7 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
     meets = corners_seen_from_both_sides(fitted)
     from_wall, from_leg = (np.logical_and.accumulate(m) for m in (meets, meets[::-1]))
     for k, side in enumerate(sides[1:-1], 1):
-        hides = side.bead and (
-            is_outnumbered(row, fitted, k) or count_points_seen_through_face(row, fitted, k)
-        )
+        hides = side.bead and is_outnumbered(row, fitted, k)
         together = meets[k - 1 : k + 1]
         # A face that goes over into both sides is steel; a bevel's end may be light all the same.
         if side.bead and together.all() and not hides:
@@ -419,7 +386,6 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
             continue
         away = np.zeros(len(covariance))
         for i in (k - 1, k):
-            distance = NOTCH_REFLECTION_DISTANCE if side.bead else REFLECTION_DISTANCE
-            away[2 * i : 2 * i + 2] = distance * fitted.corner_shift(i, k)
+            away[2 * i : 2 * i + 2] = REFLECTION_DISTANCE * fitted.corner_shift(i, k)
         covariance += probability * np.outer(away, away)
     return covariance

@@ -86,9 +86,6 @@ FEWEST_TOE_POINTS: Final = 4
 LEAST_TOE_SIGMA: Final = 0.03e-3
 """Least standard deviation of a toe along its flank, in metres: no bead begins as a line."""
 
-SEEN_TOE_DISTANCE: Final = 0.5e-3
-"""A flank that is seen up to its toe ends no farther from it, in metres."""
-
 UNSEEN_TOE_SIGMA: Final = 5e-3
 """The same if too few points show it."""
 
@@ -155,32 +152,24 @@ def _section_with_corners(
 
 def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p2 is the first corner, p3 and p4 are the last ones."""
-    fitted = fit.fitted
-    last = len(fitted.corners) - 1
-    chosen = [0, last - 1, last]
-    index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
+    fitted, k = fit.fitted, 2 * len(fit.fitted.corners)
+    index = [0, 1, *range(k - 4, k + 2)]
     bow, chord, hollow = _shape_of_face(fitted)
-    spread = covariance[index][:, index]
-    conditions: tuple[str, ...] = ()
+    spread = covariance[np.ix_(index, index)]
+    conditions: tuple[str, ...] = (WELD_IN_ROOT,) if bow > CONVEX_WELD_RATIO * chord else ()
     absent: tuple[str, ...] = ()
     if _is_tack(bow, chord):
         conditions, absent = (TACK_WELD,), ("p3", "p4")
-        for k, curve, s in (
-            (2, fitted.curves[-3], fitted.places[-2][0]),
-            (4, fitted.curves[-1], fitted.places[-1][1]),
-        ):
+        for k, side, s in ((2, -3, fitted.places[-2][0]), (4, -1, fitted.places[-1][1])):
             spread[k : k + 2, k : k + 2] += _covariance_along_side(
-                curve, s, BURIED_DEPTH_IN_CHORDS * chord, 0.0
+                fitted.curves[side], s, BURIED_DEPTH_IN_CHORDS * chord, 0.0
             )
-    elif bow > CONVEX_WELD_RATIO * chord:
-        conditions = (WELD_IN_ROOT,)
-    places = fitted.places[0][0], fitted.places[-1][1]
     # The area is that over the face, which bulges or sags, not that over its chord.
     return _section_with_corners(
         fit,
-        fitted.corners[chosen],
+        fitted.corners[[0, -2, -1]],
         spread,
-        places,
+        (fitted.places[0][0], fitted.places[-1][1]),
         area_variance=(HOLLOW_SIGMA_SHARE * hollow) ** 2,
         hollow=hollow,
         conditions=conditions,
@@ -191,25 +180,24 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
 def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p3 and p4 are the toes of the weld, which bounds the area that is left."""
     fitted, weld = fit.fitted, len(fit.fitted.curves) - 2
-    height = np.sqrt(_height_variances(fitted))
+    height = _height_sigmas(fitted)
     total = _covariance_of_top_and_angles(covariance - fit.other_readings) + fit.other_readings
-    corners, places, ends = [fitted.corners[0]], [], []
-    for k, flank in ((2, weld - 1), (4, weld + 1)):
-        s, sigma, end = _find_toe(fit, flank)
-        curve = fitted.curves[flank]
-        total[k : k + 2, k : k + 2] += _covariance_along_side(curve, s, sigma, height[flank])
-        corners.append(np.array(curve.point_on_curve(s)))
-        places.append(s)
-        ends.append(end)
-    surface = _weld_surface(fit, *ends)
+    toes = [(flank, *_find_toe(fit, flank)) for flank in (weld - 1, weld + 1)]
+    points = [fitted.curves[flank].point_on_curve(s) for flank, s, *_ in toes]
+    corners, places = np.array((fitted.corners[0], *points)), [s for _, s, *_ in toes]
+    for k, (flank, s, sigma, _) in zip((2, 4), toes, strict=True):
+        total[k : k + 2, k : k + 2] += _covariance_along_side(
+            fitted.curves[flank], s, sigma, height[flank]
+        )
+    surface = _weld_surface(fit, slice(toes[0][-1], toes[1][-1] + 1))
     chord = corners[2] - corners[1]
     width = float(np.linalg.norm(chord))
     above = (surface - corners[1]) @ (-chord[1], chord[0]) / width
     if _is_tack(float(above.max(initial=0.0)), width):
         return _section_with_face(fit, covariance)
-    seen = np.vstack((corners[1], surface, corners[2])) @ (corners[2] - corners[1])
+    line = np.vstack((corners[1], surface, corners[2]))
     own = np.array([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
-    for name, along in (("bevel", own), ("weld", seen)):
+    for name, along in (("bevel", own), ("weld", line @ chord)):
         if np.diff(np.sort(along)).max() > MOST_HIDDEN_SHARE * np.ptp(along):
             raise GrooveNotFound(
                 "ambiguous",
@@ -217,10 +205,10 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
                 fit.row.points,
             )
     # Over a hole the surface may rise or sag.
-    holes = np.linalg.norm(np.diff(np.vstack((corners[1], surface, corners[2])), axis=0), axis=1)
+    holes = np.linalg.norm(np.diff(line, axis=0), axis=1)
     return _section_with_corners(
         fit,
-        np.array(corners),
+        corners,
         total,
         (fitted.places[0][0], places[1]),
         surface=surface,
@@ -273,19 +261,18 @@ def _find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
             sigma = sqrt(share * max(spread[0], 0.0)) / sine + LEAST_TOE_SIGMA
             # If the flank ends well before, an undercut or a hole hides the toe.
             gap = float(gaps_beside_corners(fitted)[-1 - (order > 0), int(order < 0)])
-            sigma += max(abs(met[0] - start) - SEEN_TOE_DISTANCE, 0.0)
             return met[0], sigma + (gap if gap > MEETING_REACH else 0.0), first
     return start, UNSEEN_TOE_SIGMA, first
 
 
-def _weld_surface(fit: GrooveFit, first: int, last: int) -> Array:
-    """Points of a weld's surface, shape (m, 2), of those from `first` to `last`, in metres."""
-    points = fit.row.points[first : last + 1]
+def _weld_surface(fit: GrooveFit, between: slice) -> Array:
+    """Points of a weld's surface, shape (m, 2), of those between its toes, in metres."""
+    points = fit.row.points[between]
     if not len(points):
         return points
     near = np.abs(fit.fitted.curves[-2].signed_distances(points)) < SURFACE_REACH
     # What hangs together with it is of the surface, too, however high it is.
-    runs = find_runs(points, fit.row.columns[first : last + 1])
+    runs = find_runs(points, fit.row.columns[between])
     return np.asarray(points[np.logical_or.reduceat(near, runs.first).repeat(runs.count)])
 
 
@@ -319,11 +306,10 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
     on_leg = (off_leg < tolerance) & (off_leg <= off_bevel)
     turn = int((-row.x_s / row.z_s).searchsorted(-fitted.corners[-1][0] / fitted.corners[-1][1]))
     last = max(end_of_support(on_bevel[:turn]) - 1, 0)
-    while last + 1 < turn and on_bevel[last + 1]:
-        last += 1
+    last += int(np.logical_and.accumulate(on_bevel[last + 1 : turn]).sum())
     s_last = bevel.position_along_chord(*row.points[last].tolist())
     opening = abs(float(leg.signed_distances(np.array([bevel.point_on_curve(s_last)]))[0]))
-    height = np.sqrt(_height_variances(fitted))
+    height = _height_sigmas(fitted)
     total = _covariance_of_top_and_angles(covariance)
     under = _first_point_under_bevel(row, leg, last, apex_leg, on_leg)
     if opening > LEAST_OPENING and under is not None:
@@ -361,9 +347,9 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
         )
         found = {"conditions": (ROOT_NOT_SEEN,), "absent": ("p3", "p4")}
         found["model_probability"] = fit.probability * PROBABILITY_OF_NO_FACE
+    points = np.array((fitted.corners[0], bevel.point_on_curve(s3), leg.point_on_curve(s4)))
     total[2:4, 2:4] = _covariance_along_side(bevel, s3, along_3, height[-2])
     total[4:6, 4:6] = _covariance_along_side(leg, s4, along_4, height[-1])
-    points = np.array((fitted.corners[0], bevel.point_on_curve(s3), leg.point_on_curve(s4)))
     return _section_with_corners(fit, points, total, (fitted.places[0][0], s4), **found)
 
 
@@ -392,11 +378,11 @@ def _column_spacing_along_bevel(
     return float((s[-1] - s[0]) / max(int(columns), 1))
 
 
-def _height_variances(fitted: FittedProfile) -> Array:
-    """Variance of each side's height at one of its ends, in m², shape (k,)."""
+def _height_sigmas(fitted: FittedProfile) -> Array:
+    """Standard deviation of each side's height at one of its ends, in metres, shape (k,)."""
     # A line's height at its end is known half as well as in its middle.
     share = np.minimum(4 * fitted.variance_inflation / fitted.counts, 1.0)
-    return np.asarray(fitted.sigmas**2 * share)
+    return np.asarray(fitted.sigmas * np.sqrt(share))
 
 
 def _covariance_of_top_and_angles(covariance: Array) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from math import atan2, degrees, hypot, pi, radians, sqrt
+from math import pi, sqrt
 from typing import Final
 
 import numpy as np
@@ -17,14 +17,18 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove import kernel
-from tjscan.groove.candidates import ROUGH_REACH_SIGMAS, propose_candidates
+from tjscan.groove.candidates import (
+    ROUGH_REACH_SIGMAS,
+    find_pieces,
+    project_points,
+    propose_candidates,
+)
 from tjscan.groove.chains import (
     RIVAL_COST_MARGIN,
     SIDE_LENGTH_SLACK,
     WIDER_TOLERANCE_COST,
     ChainSearch,
 )
-from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
 from tjscan.groove.reflections import (
     PointRuns,
@@ -33,7 +37,6 @@ from tjscan.groove.reflections import (
     stretches_off_surface,
 )
 from tjscan.groove.settings import (
-    LEAST_FACE_TURN,
     LEAST_SIDES,
     GrooveModel,
     GrooveSettings,
@@ -48,21 +51,12 @@ FEWEST_POINTS_ON_SIDE: Final = 4
 PARTIAL_GROOVE_SHARE: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
 
-SIDE_TURN_SLACK: Final = radians(3)
-"""How far the fitted turns may be outside the model's."""
-
-REFUSED_COST_MARGIN: Final = 24.0
-"""A fit that is rejected, but cheaper by more, in outliers, than every other, is what is seen."""
-
 STRAYED_SUPPORT_SHARE: Final = 0.05
 """A refined hypothesis that explains fewer points than before, by this share, has strayed."""
 
 COST_PER_SIDE: Final = 5.0
 """What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
 ninety points of a profile are independent."""
-
-WELD_COST: Final = 1.0
-"""What it costs that a weld fills the groove, in outliers: few that are scanned have one."""
 
 MOST_CHAINS_PER_FORM: Final = 3
 """Most chains of one form that are refined."""
@@ -77,10 +71,6 @@ face: nothing is seen through steel, and reflections hardly lie there."""
 
 MOST_OF_OUTLIERS: Final = 0.5
 """Share of the points off the sides from which steel is what they are."""
-
-WELD_COST_MARGIN: Final = 20.0
-"""By how many outliers a chain with a weld may be dearer than the cheapest and still be refined:
-one bead of several may look like the face of a root, if the steel of the others is not charged."""
 
 
 def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFit]:
@@ -112,22 +102,21 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
     candidates = propose_candidates(points, pieces)
     search = ChainSearch(points, candidates, runs, tolerance)
     starts = [
-        (chain.cost + _cost_of_form(form), form, chain)
+        (chain.cost + COST_PER_SIDE * len(form.sides), form, chain)
         for form in (model, *model.alternatives)
         for chain in search.cheapest_chains(form, MOST_CHAINS_PER_FORM)
     ]
     starts.sort(key=lambda start: start[0])
     found: list[GrooveFit] = []
     for cost, form, chain in starts:
-        margin = WELD_COST_MARGIN if form.sides[-2].roughness else RIVAL_COST_MARGIN
-        if cost <= starts[0][0] + margin or all(fit.objection for fit in found):
+        if cost <= starts[0][0] + RIVAL_COST_MARGIN or all(fit.objection for fit in found):
             start = Polyline(candidates.as_curves(chain.sides), chain.corners, chain.cost)
-            found += _refine_chain(row, runs, form, start, settings, tolerance, found)
+            found += _refine_chain(row, runs, form, start, settings, found)
     if not found:
         raise _explain_missing_groove(search, model, row.points)
-    likeliest = min(found, key=lambda fit: fit.cost)
     supported = [fit for fit in found if not fit.objection]
-    if not supported or min(fit.cost for fit in supported) > likeliest.cost + REFUSED_COST_MARGIN:
+    if not supported:
+        likeliest = min(found, key=lambda fit: fit.cost)
         raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
     if any(fit.model.sides[-2].roughness for fit in supported):
         supported = [_charge_for_steel(fit, runs, tolerance) for fit in supported]
@@ -153,20 +142,15 @@ def _refine_chain(
     model: GrooveModel,
     start: Polyline,
     settings: GrooveSettings,
-    tolerance: float,
     found: list[GrooveFit],
 ) -> list[GrooveFit]:
     """Refine a chain; none if its sides fit no points together, or lead to a fit that was found."""
+    tolerance = settings.support_tolerance
     known = [fit.fitted.corners for fit in found if fit.model is model]
     best: FittedProfile | None = None
     least = np.inf
-    for sides, annealed in ((model.sides, True), (model.sides, False), (None, False)):
-        if sides is None:
-            if best is not None or not model.sides[-2].bead:
-                break
-            # Few points of a face may bend it away from its neighbours: it is drawn straight.
-            sides = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
-        fitted = refine_fit(row, start, sides, tolerance, annealed=annealed, known=known)
+    for annealed in (True, False):
+        fitted = refine_fit(row, start, model.sides, tolerance, annealed=annealed, known=known)
         if fitted is not None:
             pays = _costs_of_points_on_sides(fitted, model, tolerance)
             # Reflections count in full: beside many it is fitted in both ways.
@@ -178,7 +162,7 @@ def _refine_chain(
         np.abs(best.corners - other).max() < SAME_FIT_DISTANCE for other in known
     ):
         return []
-    cost = float(runs.total_cost(costs)) + _cost_of_form(model)
+    cost = float(runs.total_cost(costs)) + COST_PER_SIDE * len(model.sides)
     for k, side in enumerate(model.sides):
         if side.bead:
             cost += SEEN_THROUGH_COST * count_points_seen_through_face(row, best, k)
@@ -216,11 +200,6 @@ def _explain_missing_groove(
     )
 
 
-def _cost_of_form(model: GrooveModel) -> float:
-    """What the sides of a form cost, in outliers."""
-    return COST_PER_SIDE * len(model.sides) + WELD_COST * bool(model.sides[-2].roughness)
-
-
 def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, tolerance: float) -> Array:
     """What each point pays for its distance from its side, shape (n,), in outliers.
 
@@ -239,36 +218,16 @@ def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, toleran
     return np.asarray(np.minimum(scaled * scaled + less, 1))
 
 
-def _turn_between(before: tuple[float, float], after: tuple[float, float]) -> float:
-    """Turn from one direction to another, positive in a valley."""
-    (ax, az), (bx, bz) = before, after
-    return atan2(ax * bz - az * bx, ax * bx + az * bz)
-
-
 def _reason_to_reject(
     fitted: FittedProfile, model: GrooveModel, settings: GrooveSettings
 ) -> str | None:
     """Why the points do not bear a fit out; None if they do."""
-    edges, corners = pairwise(fitted.edges), fitted.corners.tolist()
+    edges, lengths = pairwise(fitted.edges), np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
     for side, count, (a, b) in zip(model.sides, fitted.counts.tolist(), edges, strict=True):
         share = count / (b - a)
         if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
             return f"only {count} points, {share:.0%} of those seen there, are on the {side.name}"
-    ends = [
-        (a.tangent_at(s), b.tangent_at(r))
-        for (a, b), (s, r) in zip(pairwise(fitted.curves), fitted.places, strict=True)
-    ]
-    for (before, after), allowed in zip(ends, model.turns, strict=True):
-        turned = _turn_between(before, after)
-        if not allowed.least - SIDE_TURN_SLACK <= turned <= allowed.most + SIDE_TURN_SLACK:
-            return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
-    chords = [(bx - ax, bz - az) for (ax, az), (bx, bz) in pairwise(corners)]
-    for k, side in enumerate(model.sides[1:-1]):
-        turns = _turn_between(ends[k][0], chords[k]), _turn_between(chords[k], ends[k + 1][1])
-        if side.bead and min(turns) < LEAST_FACE_TURN - SIDE_TURN_SLACK:
-            return f"the {side.name} goes on from the side beside it"
-    for side, chord in zip(model.sides[1:-1], chords, strict=True):
-        length = hypot(*chord)
+    for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
         if not SIDE_LENGTH_SLACK * side.shortest < length < side.longest / SIDE_LENGTH_SLACK:
             return f"the {side.name} is {1e3 * length:.1f} mm long"
     smooth = fitted.keep.copy()

@@ -260,30 +260,13 @@ def section_from_points(
     p2, p3, p4 = points[1:4, [0, 2]].tolist()
     found = measure_groove(p2, p3, p4, wall.tolist(), leg.tolist(), surface)
     covariance = np.zeros((8, 8)) if covariance is None else np.asarray(covariance, dtype=float)
-    (wx, wz), sign = wall.tolist(), found.sign
-    T = np.array(
-        [
-            (0.0, -wx, -sign * wz, found.origin[0]),
-            (sign, 0.0, 0.0, 0.0),
-            (0.0, -wz, sign * wx, found.origin[1]),
-            (0.0, 0.0, 0.0, 1.0),
-        ]
-    )
+    (wx, wz), sign, (x, z) = wall.tolist(), found.sign, found.origin
+    T = np.array(((0, -wx, -sign * wz, x), (sign, 0, 0, 0), (0, -wz, sign * wx, z), (0, 0, 0, 1.0)))
     return GrooveSection(
-        points,
-        np.array([wx, 0.0, wz]),
-        np.array([leg[0], 0.0, leg[1]]),
-        T,
-        found.gamma_1 + found.gamma_2,
-        found.gamma_1,
-        found.gamma_2,
-        found.width,
-        found.depth,
-        found.area,
-        float(rms),
-        covariance[:6, :6],
-        covariance[6:, 6:],
-        found.jacobian @ covariance @ found.jacobian.T,
+        *(points, np.array([wx, 0.0, wz]), np.array([leg[0], 0.0, leg[1]]), T),
+        *(found.gamma_1 + found.gamma_2, found.gamma_1, found.gamma_2),
+        *(found.width, found.depth, found.area, float(rms)),
+        *(covariance[:6, :6], covariance[6:, 6:], found.jacobian @ covariance @ found.jacobian.T),
     )
 
 

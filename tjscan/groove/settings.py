@@ -17,9 +17,6 @@ from tjscan.core.units import MM, ChosenByName, SettingsTable
 
 LEAST_SIDES: Final = 3
 
-SECTION_SIDE_COUNT: Final = 4
-"""Sides of a groove with the five points of a section."""
-
 
 @dataclass(frozen=True, slots=True)
 class SideModel:
@@ -91,7 +88,7 @@ class GrooveModel:
     @property
     def has_section_points(self) -> bool:
         """Whether its corners are the five points of a section, which a scan needs."""
-        return len(self.sides) == SECTION_SIDE_COUNT
+        return len(self.sides) == 4  # wall, bevel, root and leg
 
 
 LEAST_OPENING_ANGLE: Final = radians(20)

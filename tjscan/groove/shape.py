@@ -13,22 +13,20 @@ How well a pull explains the points about a notch shows how likely it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
 from math import hypot, sqrt
 from statistics import median
-from types import ModuleType
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
 from tjscan.groove import kernel
+from tjscan.groove.prior import TRIED_NOTCH_PULLS
 from tjscan.groove.refinement import (
     coefficient_covariances,
     prior_weights,
-    side_priors,
     solve_with_prior,
 )
 from tjscan.groove.reflections import MEETING_REACH, gaps_beside_corners
@@ -69,13 +67,10 @@ FACE_END_SHARE: Final = 0.1
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
 
-TRIED_NOTCH_PULLS: Final = 1e-3 * np.array(
-    (0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0)
-)
 TRIED_PULL_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
 TRIED_PULL_DECAYS: Final = 1e-3 * np.array((0.7, 1.0, 1.4))
-"""How far a notch may be pulled in, and how far up its flanks that may be seen, if it ends there,
-or over which length it decays, in metres."""
+"""How far up its flanks a notch that is pulled in may be seen to be, if it ends there, or over
+which length that decays, in metres."""
 
 STEEPEST_PULL: Final = 0.8
 """A pull is smooth: it grows by no greater share of the way along its flank."""
@@ -93,12 +88,14 @@ FACE_POINT_SHARES: Final = (0.15, 0.35, 0.5, 0.65, 0.85)
 FEWEST_FACE_POINTS: Final = 8
 """Where, as shares of its points, those lie that propose flatter faces; fewest points for that."""
 
+LEAST_LIKELIHOOD: Final = 1e-12
+"""Of a pull over that of none: less is none."""
+
 LEAST_TURN_SINE: Final = 0.15
 """Least sine of the turn between a flank and a face that have a corner."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NotchPull:
+class NotchPull(NamedTuple):
     """How likely a notch is pulled in, and where its corners are if it is.
 
     Parameters
@@ -121,8 +118,7 @@ SMOOTH_PULLS: Final = TRIED_NOTCH_PULLS[:, None] <= STEEPEST_PULL * np.concatena
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Flank:
+class _Flank(NamedTuple):
     """A flank of a notch, with the n points about it.
 
     Parameters
@@ -143,24 +139,6 @@ class _Flank:
     inward: Array
     behind: Array
 
-    @property
-    def square(self) -> float:
-        """Sine of the angle between flank and ray."""
-        (x, z), (tx, tz) = self.corner, self.along
-        return abs(x * tz - z * tx) / hypot(x, z)
-
-    def intersections_with_line(self, x: float, z: float, tx: float, tz: float) -> Array | None:
-        """Where a line meets the flank, inward of the corner, for each of the pulls, (p,).
-
-        None if the two are nearly parallel.
-        """
-        (cx, cz), (fx, fz) = self.corner, self.along
-        cross = fx * tz - fz * tx
-        if abs(cross) < LEAST_TURN_SINE:
-            return None
-        met = (x - cx) * tz - (z - cz) * tx
-        return np.asarray((met + TRIED_NOTCH_PULLS * (cx / cz * tz - tx)) / cross)
-
 
 def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     """Estimate whether the notch whose bottom is side k of a fit is pulled in, and how far.
@@ -173,6 +151,29 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     k : int
         Number of a side between two others.
     """
+    weight, inward = _weigh_pulls(row, fitted, k)
+    total = float(weight.sum())
+    odds = PULL_PRIOR_ODDS * total / (max(len(weight), 1) * np.count_nonzero(SMOOTH_PULLS))
+    if odds < 1e-4:
+        return NO_PULL
+    share = weight[:, None] / total
+    mean, square = (np.sum(share * inward**power, axis=(0, 2, 3)) for power in (1, 2))
+    return NotchPull(odds / (1 + odds), mean, np.sqrt(np.maximum(square - mean**2, 0)))
+
+
+def pull_log_likelihoods(row: Profile, fitted: FittedProfile, k: int) -> Array:
+    """Log-likelihood of no pull, zero, and of each of `TRIED_NOTCH_PULLS`, shape (1 + p,).
+
+    For the parameters see `find_pull`.
+    """
+    weight, _ = _weigh_pulls(row, fitted, k)
+    ways = max(len(weight), 1) * SMOOTH_PULLS.sum(axis=1)
+    likely = np.maximum(weight.sum(axis=(0, 2)) / ways, LEAST_LIKELIHOOD)
+    return np.asarray(np.log(np.append(1.0, likely)))
+
+
+def _weigh_pulls(row: Profile, fitted: FittedProfile, k: int) -> tuple[Array, Array]:
+    """Likelihood over that of no pull, (f, p, r), for f faces, and both corners, (f, 2, p, 1)."""
     face, places = fitted.curves[k], (fitted.places[k - 1][1], fitted.places[k][0])
     limits = OUTLIER_SIGMAS * np.maximum(fitted.sigmas, LEAST_NOISE)
     flat = float(limits[k])
@@ -180,58 +181,35 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     limits[k] = max(flat, FACE_BLUNTNESS * abs(sag))
     ends = (k - 1, fitted.places[k - 1][0], 1.0), (k + 1, fitted.places[k][1], -1.0)
     bounds = [fitted.curves[i].point_on_curve(s - w * NOTCH_REGION_LENGTH) for i, s, w in ends]
-    tangents = -row.x_s / row.z_s
-    a, b = tangents.searchsorted([-x / z for x, z in bounds]).tolist()
-    points = row.points[a:b]
+    bearings = -row.x_s / row.z_s
+    near = slice(*bearings.searchsorted([-x / z for x, z in bounds]).tolist())
+    points, bearings = row.points[near], bearings[near]
     flanks = [_build_flank(fitted.curves[i], s, w, points, float(limits[i])) for i, s, w in ends]
-    sides = np.arange(len(limits)).repeat(np.diff(fitted.edges))[a:b]
-    now = float(np.minimum((fitted.residuals[a:b] / limits[sides]) ** 2, 1).sum())
-    found = [_pull_costs(face, places, float(limits[k]), flanks, points, tangents[a:b])]
-    if sag > flat:
-        found += [
-            _pull_costs(line, (0.0, 0.0), flat, flanks, points, tangents[a:b])
-            for line in _propose_flatter_faces(points[sides == k])
-        ]
+    sides = np.arange(len(limits)).repeat(np.diff(fitted.edges))[near]
+    now = float(np.minimum((fitted.residuals[near] / limits[sides]) ** 2, 1).sum())
+    faces = [(face, places, float(limits[k]))]
+    own = points[sides == k]
+    if sag > flat and len(own) >= FEWEST_FACE_POINTS:
+        # Straight faces through pairs of its points are flatter.
+        chosen = np.rint(np.multiply(FACE_POINT_SHARES, len(own) - 1)).astype(np.intp)
+        for (ax, az), (bx, bz) in combinations(own[chosen].tolist(), 2):
+            length = hypot(bx - ax, bz - az)
+            line = CubicCurve(ax, az, (bx - ax) / length, (bz - az) / length)
+            faces.append((line, (0.0, 0.0), flat))
+    found = [_pull_costs(*one, flanks, points, bearings) for one in faces]
     known = [pair for pair in found if pair is not None]
-    if not known:
-        return NO_PULL
-    costs = np.array([cost for cost, _ in known])
-    inward = np.array([corners for _, corners in known])[:, :, :, None]
-    inflation = fitted.variance_inflation
-    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * SMOOTH_PULLS
-    total = float(weight.sum())
-    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(SMOOTH_PULLS))
-    if odds < 1e-4:
-        return NO_PULL
-    share = weight[:, None] / total
-    mean = (share * inward).sum(axis=(0, 2, 3))
-    square = (share * inward**2).sum(axis=(0, 2, 3))
-    return NotchPull(odds / (1 + odds), mean, np.sqrt(np.maximum(square - mean**2, 0)))
+    costs = np.array([cost for cost, _ in known]).reshape(-1, *SMOOTH_PULLS.shape)
+    inward = np.array([corners for _, corners in known]).reshape(-1, 2, len(SMOOTH_PULLS), 1)
+    explained = (now - costs) * OUTLIER_SIGMAS**2 / 2 / fitted.variance_inflation
+    return np.asarray(np.exp(explained) * SMOOTH_PULLS), inward
 
 
 def _build_flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:
-    x, z = curve.point_on_curve(s)
-    tx, tz = curve.tangent_at(s)
-    tx, tz = sign * tx, sign * tz
+    (x, z), (tx, tz) = curve.point_on_curve(s), (sign * t for t in curve.tangent_at(s))
     px, pz = points.T
-    across = tx * pz - tz * px
     with np.errstate(divide="ignore"):
-        inward = (z * px - x * pz) / across
+        inward = (z * px - x * pz) / (tx * pz - tz * px)
     return _Flank((x, z), (tx, tz), limit, inward, curve.signed_distances(points))
-
-
-def _propose_flatter_faces(points: Array) -> list[CubicCurve]:
-    """Straight faces through pairs of a face's points, shape (n, 2)."""
-    if len(points) < FEWEST_FACE_POINTS:
-        return []
-    chosen = points[
-        np.rint(np.multiply(FACE_POINT_SHARES, len(points) - 1)).astype(np.intp)
-    ].tolist()
-    found = []
-    for (ax, az), (bx, bz) in combinations(chosen, 2):
-        length = hypot(bx - ax, bz - az)
-        found.append(CubicCurve(ax, az, (bx - ax) / length, (bz - az) / length))
-    return found
 
 
 def _pull_costs(
@@ -240,28 +218,35 @@ def _pull_costs(
     limit: float,
     flanks: list[_Flank],
     points: Array,
-    tangents: Array,
+    bearings: Array,
 ) -> tuple[Array, Array] | None:
-    """What the points pay for each pull and reach, (p, r), and both flanks' corners, (2, p)."""
-    corners, bearings = [], []
+    """What the points pay for each pull and reach, (p, r), and both flanks' corners, (2, p).
+
+    None if a flank and the face are nearly parallel.
+    """
+    corners, ends = [], []
     for flank, s in zip(flanks, places, strict=True):
-        met = flank.intersections_with_line(*face.point_on_curve(s), *face.tangent_at(s))
-        if met is None:
+        (x, z), (tx, tz) = face.point_on_curve(s), face.tangent_at(s)
+        (cx, cz), (fx, fz) = flank.corner, flank.along
+        cross = fx * tz - fz * tx
+        if abs(cross) < LEAST_TURN_SINE:
             return None
-        (cx, cz), (tx, tz) = flank.corner, flank.along
-        corners.append(met)
-        bearings.append(-(cx + met * tx) / (cz + met * tz))
-    before, after = (tangents < bearings[0][:, None]), (tangents >= bearings[1][:, None])
+        met = (x - cx) * tz - (z - cz) * tx + TRIED_NOTCH_PULLS * (cx / cz * tz - tx)
+        corners.append(met / cross)
+        ends.append(-(cx + corners[-1] * fx) / (cz + corners[-1] * fz))
+    before, after = (bearings < ends[0][:, None]), (bearings >= ends[1][:, None])
     own = np.minimum((face.signed_distances(points) / limit) ** 2, 1)
     total = (own * ~(before | after)).sum(axis=1)[:, None]
     for flank, met, on in zip(flanks, corners, (before, after), strict=True):
+        (x, z), (tx, tz) = flank.corner, flank.along
+        square = abs(x * tz - z * tx) / hypot(x, z)  # to the rays
         away = (met[:, None] - flank.inward)[:, None]
         pull = TRIED_NOTCH_PULLS[:, None, None] * _shares_of_pull(away)
         fuzzy = (PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank.limit * pull) ** 2
-        away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
+        away = ((flank.behind + square * pull) / flank.limit) ** 2
         pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2
         total = total + (pays * on[:, None]).sum(axis=2)
-    return np.where((bearings[0] < bearings[1])[:, None], total, np.inf), np.array(corners)
+    return np.where((ends[0] < ends[1])[:, None], total, np.inf), np.array(corners)
 
 
 def _shares_of_pull(away: Array) -> Array:
@@ -274,57 +259,24 @@ def _shares_of_pull(away: Array) -> Array:
     return np.concatenate((ends, decays), axis=-2)
 
 
-def estimate_shape_errors(
-    row: Profile, fitted: FittedProfile, model: tuple[SideModel, ...]
-) -> tuple[Array, Array]:
-    """Estimate what the sides' shapes add to the errors of their corners.
+def _shape_sigmas(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
+    """What the sides' shapes add to their heights at their corners, shape (k - 1, 2), metres.
 
-    Parameters
-    ----------
-    row : Profile
-    fitted : FittedProfile
-        k sides, whose noise is known.
-    model : tuple of SideModel
-        What they are like.
-
-    Returns
-    -------
-    ndarray, shape (k - 1, 2)
-        For each corner of the side before and of the side after it: how far the surface is
-        likely to be behind the fitted side, in metres.
-    ndarray, shape (k - 1, 2)
-        Standard deviation about that, beyond what noise explains, in metres.
+    Standard deviations beyond what noise explains, of the side before each corner and of the side
+    after it.
     """
-    shift = np.zeros((len(fitted.corners), 2))
-    patches = _patch_sigmas(fitted)
+    patches, gaps = _patch_sigmas(fitted), gaps_beside_corners(fitted)
     sigma = np.column_stack((patches[:-1], patches[1:]))
-    gaps = gaps_beside_corners(fitted)
-    unseen = _unseen_side_shares(fitted, gaps)
-    sigma = np.hypot(sigma, UNSEEN_SIDE_SLOPE * np.maximum(gaps - MEETING_REACH, 0.0) * unseen)
-    for k, side in enumerate(model):
-        if side.bead:
-            own = slice(k - 1, k + 1)
-            shift[own], pulled = _errors_if_pulled_in(fitted, k, find_pull(row, fitted, k))
-            bow = (
-                abs(fitted.curves[k].c2) * (fitted.places[k][0] - fitted.places[k - 1][1]) ** 2 / 4
-            )
-            free = FACE_END_SHARE * bow * np.array(((0, 1), (1, 0)))
-            sigma[own] = np.hypot(np.hypot(sigma[own], pulled), free)
-    return shift, sigma
-
-
-def _unseen_side_shares(fitted: FittedProfile, gaps: Array) -> Array:
-    """Root of the share of its side that each gap takes, shape (k - 1, 2).
-
-    A knee that a side may have is in the gap with that probability. Wall and leg, which are
-    tubes, have none.
-    """
-    found = np.zeros_like(gaps)
-    for k in range(1, len(fitted.curves) - 1):
+    # Wall and leg, which are tubes, have no knee.
+    for k, side in enumerate(model[1:-1], 1):
         length = abs(fitted.places[k][0] - fitted.places[k - 1][1])
-        for i, j in ((k - 1, 1), (k, 0)):
-            found[i, j] = sqrt(min(gaps[i, j] / max(length, 1e-9), 1.0))
-    return found
+        bow = FACE_END_SHARE * abs(fitted.curves[k].c2) * length**2 / 4 if side.bead else 0.0
+        for place in ((k - 1, 1), (k, 0)):
+            # It is in the gap with the probability of the share of its side that this takes.
+            unseen = sqrt(min(gaps[place] / max(length, 1e-9), 1.0))
+            turned = UNSEEN_SIDE_SLOPE * max(gaps[place] - MEETING_REACH, 0.0) * unseen
+            sigma[place] = hypot(sigma[place], turned, bow)
+    return sigma
 
 
 def _patch_sigmas(fitted: FittedProfile) -> Array:
@@ -333,43 +285,20 @@ def _patch_sigmas(fitted: FittedProfile) -> Array:
     What is rougher than most sides are, and points that were left out but lie close by, are the
     surface's too. The points next to corners are not asked: they fly.
     """
-    k = len(fitted.curves)
-    found = np.zeros(k)
-    edges = fitted.edges
+    found = np.zeros(len(fitted.curves))
     # Noise is along the rays: a side that slants shows less of it.
-    along = fitted.sigmas / np.array(
-        [c.sine_with_ray(m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
-    )
+    middles = zip(fitted.curves, fitted.middles, strict=True)
+    along = fitted.sigmas / np.array([c.sine_with_ray(m) for c, m in middles])
     usual = median(along.tolist())
-    for i in range(k):
-        inner = fitted.residuals[edges[i] + CORNER_POINTS : edges[i + 1] - CORNER_POINTS]
-        close = inner[np.abs(inner) < PATCH_REACH]
+    for i, (own, sigma) in enumerate(zip(fitted.spans, fitted.sigmas.tolist(), strict=True)):
+        inner = np.abs(fitted.residuals[own.start + CORNER_POINTS : own.stop - CORNER_POINTS])
+        close = inner[inner < PATCH_REACH]
         if len(close) < FEWEST_PATCH_POINTS:
             continue
-        sigma = float(fitted.sigmas[i])
-        patched = float((np.abs(close) > PATCH_SIGMAS * sigma).mean()) > PATCHED_SHARE
+        patched = float((close > PATCH_SIGMAS * sigma).mean()) > PATCHED_SHARE
         if patched or along[i] > ROUGH_SIDE_FACTOR * usual:
             found[i] = sqrt(float(np.mean(close**2)))
     return found
-
-
-def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> tuple[Array, Array]:
-    """Errors of a bead's heights at its two corners, shape (2, 2), if light may pull it in.
-
-    A fillet of steel looks the same: then the corners are where they are seen.
-    """
-    shift, sigma = np.zeros((2, 2)), np.zeros((2, 2))
-    probability = PULL_PROBABILITY * pull.probability
-    for i, (inward, spread) in enumerate(zip(pull.inward, pull.sigma, strict=True)):
-        (a, b), (sa, sb) = fitted.curves[k - 1 + i : k + 1 + i], fitted.places[k - 1 + i]
-        (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
-        slope = fitted.curves[k].height_and_slope((sb, sa)[i])[1]
-        # So much lower the face meets its flank so much farther inward.
-        lower = (ax * bz - az * bx) * hypot(1.0, slope)
-        square = probability * (spread**2 + inward**2) - (probability * inward) ** 2
-        shift[i, 1 - i] = probability * inward * lower
-        sigma[i, 1 - i] = sqrt(square) * lower
-    return shift, sigma
 
 
 def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
@@ -391,64 +320,53 @@ def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
     ndarray, shape (2 k, 2 k)
         Of their coordinates and of the angles of the first and the last side's tangents.
     """
-    fitted = fit.fitted
+    row, fitted, sides, k = fit.row, fit.fitted, fit.model.sides, len(fit.fitted.curves)
+    corners, covariance = fitted.corners.copy(), np.empty((2 * k, 2 * k))
     if kernel.compiled is not None:
-        return _compiled_estimates(kernel.compiled, fit)
-    spread = _coefficient_covariances(fit)
-    k = len(fitted.curves)
+        straight = fitted.straight if fitted.straight is not None else np.empty(0)
+        if not kernel.compiled.corner_estimates(
+            *(row.x_s, row.z_s, np.array(fitted.curves), np.array(fitted.places), fitted.corners),
+            *(fitted.along, fitted.residuals, fitted.sigmas, fitted.keep, np.array(fitted.edges)),
+            *(fitted.curved, *fitted.equations, fitted.inverse, fitted.weight, fitted.counts),
+            *(np.array(fitted.middles), straight),
+            *(TRIED_NOTCH_PULLS, TRIED_PULL_REACHES, TRIED_PULL_DECAYS, SMOOTH_PULLS),
+            *(kernel.model_values(sides), corners, covariance, fitted.variance_inflation),
+        ):
+            raise np.linalg.LinAlgError("the points of a side do not show it")
+        return corners, covariance
     jacobian = np.zeros((2 * k, 4 * k))
-    powers = [[(1.0, s, s * s, s * s * s) for s in place] for place in fitted.places]
-    for i, ((sa, sb), (pa, pb)) in enumerate(zip(fitted.places, powers, strict=True)):
-        a, b = fitted.curves[i : i + 2]
-        (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
-        # Normals are (tz, -tx); heights count along the chord's, 1 / cos of the slope farther.
-        wa = 1.0 / hypot(1.0, a.height_and_slope(sa)[1])
-        wb = 1.0 / hypot(1.0, b.height_and_slope(sb)[1])
-        det = ax * bz - az * bx
-        jacobian[2 * i : 2 * i + 2, 4 * i : 4 * i + 8] = [
-            [-bx * wa * p / det for p in pa] + [ax * wb * p / det for p in pb],
-            [-bz * wa * p / det for p in pa] + [az * wb * p / det for p in pb],
-        ]
+    for i, places in enumerate(fitted.places):
+        for j, s in enumerate(places, i):
+            # Heights count along the chord's normal, 1 / cos of the slope farther.
+            moved = fitted.corner_shift(i, j) / hypot(1.0, fitted.curves[j].height_and_slope(s)[1])
+            jacobian[2 * i : 2 * i + 2, 4 * j : 4 * j + 4] = np.outer(moved, (1, s, s * s, s**3))
     ends = ((0, 0, fitted.places[0][0]), (k - 1, k - 2, fitted.places[-1][1]))
     for angle, (side, corner, s) in enumerate(ends, start=2 * k - 2):
         curve = fitted.curves[side]
-        _, slope = curve.height_and_slope(s)
         # A growing slope turns the tangent towards the normal (tz, -tx): against atan2(z, x).
-        turned = -1.0 / (1.0 + slope * slope)
+        turned = -1.0 / (1.0 + curve.height_and_slope(s)[1] ** 2)
         jacobian[angle, 4 * side : 4 * side + 4] = 0.0, turned, 2 * s * turned, 3 * s * s * turned
         bend = turned * (2 * curve.c2 + 6 * s * curve.c3)
         step = bend * np.array((curve.tx, curve.tz))
         jacobian[angle] += step @ jacobian[2 * corner : 2 * corner + 2]
     # Sides are fitted apart from each other.
     parts = jacobian.reshape(2 * k, k, 4).transpose(1, 0, 2)
-    covariance = (parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0)
-    shift, sigma = estimate_shape_errors(fit.row, fitted, fit.model.sides)
-    corners = fitted.corners.copy()
-    for i, j in zip(*sigma.nonzero(), strict=True):
-        moves = jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
-        corners[i] += shift[i, j] * moves
-        own = slice(2 * i, 2 * i + 2)
-        covariance[own, own] += sigma[i, j] ** 2 * np.outer(moves, moves)
+    covariance = (parts @ _coefficient_covariances(fit) @ parts.transpose(0, 2, 1)).sum(axis=0)
+    for (i, j), sigma in np.ndenumerate(_shape_sigmas(fitted, sides)):
+        own, moves = slice(2 * i, 2 * i + 2), jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
+        covariance[own, own] += sigma**2 * np.outer(moves, moves)
+    for bead in (j for j, side in enumerate(sides) if side.bead):
+        pull = find_pull(row, fitted, bead)
+        # A fillet of steel looks the same: then the corners are where they are seen.
+        likely = PULL_PROBABILITY * pull.probability
+        for i, flank in ((0, bead - 1), (1, bead + 1)):
+            corner, inward = bead - 1 + i, float(pull.inward[i])
+            way = (1 - 2 * i) * np.array(fitted.curves[flank].tangent_at(fitted.places[corner][i]))
+            corners[corner] += likely * inward * way
+            variance = likely * (pull.sigma[i] ** 2 + inward**2) - (likely * inward) ** 2
+            own = slice(2 * corner, 2 * corner + 2)
+            covariance[own, own] += variance * np.outer(way, way)
     return corners, np.asarray(covariance)
-
-
-def _compiled_estimates(compiled: ModuleType, fit: GrooveFit) -> tuple[Array, Array]:
-    """The same by the compiled kernel."""
-    row, fitted, k = fit.row, fit.fitted, len(fit.fitted.curves)
-    straight = fitted.straight if fitted.straight is not None else np.empty(0)
-    corners, covariance = np.empty((k - 1, 2)), np.empty((2 * k, 2 * k))
-    sound = compiled.corner_estimates(
-        *(row.x_s, row.z_s, np.array(fitted.curves), np.array(fitted.places), fitted.corners),
-        *(fitted.along, fitted.residuals, fitted.sigmas, fitted.keep, np.array(fitted.edges)),
-        *(fitted.curved, *fitted.equations, fitted.inverse, fitted.weight, fitted.counts),
-        *(np.array(fitted.middles), straight),
-        *(TRIED_NOTCH_PULLS, TRIED_PULL_REACHES, TRIED_PULL_DECAYS, SMOOTH_PULLS),
-        *(kernel.model_values(fit.model.sides), corners, covariance),
-        fitted.variance_inflation,
-    )
-    if not sound:
-        raise np.linalg.LinAlgError("the points of a side do not show it")
-    return corners, covariance
 
 
 def _coefficient_covariances(fit: GrooveFit) -> Array:
@@ -457,20 +375,19 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     Whether a side is straight is not certain: what was not chosen, with its own coefficients,
     counts by how likely it is (Bayesian model averaging).
     """
-    fitted, sides = fit.fitted, fit.model.sides
-    spread, expected, *_ = side_priors(sides)
+    fitted = fit.fitted
+    spread, expected, *_ = kernel.side_priors(fit.model.sides)
     bends = spread[:, 0] > 0
-    here = SCALING_LENGTH_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
     total = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     if fitted.straight is not None:
         other = prior_weights(
             spread, bends & ~fitted.curved, fitted.sigmas, fitted.variance_inflation
         )
         there, inverse = solve_with_prior(fitted.equations, other, expected)
-        away = there - here
+        away = there - SCALING_LENGTH_POWERS * [curve[4:] for curve in fitted.curves]
         odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
         share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]
         total *= 1 - share
         total += share * coefficient_covariances(fitted, inverse, other, spread)
         total += share * away[:, :, None] * away[:, None]
-    return np.asarray(total / (SCALING_LENGTH_POWERS[:, None] * SCALING_LENGTH_POWERS))
+    return np.asarray(total / np.multiply.outer(SCALING_LENGTH_POWERS, SCALING_LENGTH_POWERS))

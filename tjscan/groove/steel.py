@@ -9,8 +9,7 @@ known better from the sections before.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
-from math import hypot, inf, isfinite, log, sqrt
+from math import hypot, inf, log, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -27,16 +26,15 @@ from tjscan.groove.prior import (
 )
 from tjscan.groove.refinement import refine_fit
 from tjscan.groove.reflections import reflection_probability
+from tjscan.groove.shape import pull_log_likelihoods
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
     CubicCurve,
     GrooveFit,
-    Index,
     Polyline,
     corners_between_sides,
 )
-from tjscan.laser.profile import Profile
 
 PULL_REACH: Final = 4e-3
 """Distance from a notch in metres within which points are pulled in: real profiles
@@ -44,13 +42,6 @@ show 3 to 5 mm."""
 
 PULL_RELATIVE_SIGMA: Final = 0.15
 """Share of itself by which a pull is uncertain, for its reach is."""
-
-FEWEST_PULLED_POINTS: Final = 4
-"""Points about a notch that show a pull."""
-
-MISLEADING_FLANK_SHARE: Final = 0.02
-"""Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
-
 
 POINTS_PER_SCALE_BLOCK: Final = 6
 """Points that are averaged."""
@@ -147,20 +138,19 @@ def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
     heights = np.sort(d[blocks], axis=1)[:, INNER_POINTS].mean(axis=1)
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
     correlated = min(fitted.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
-    sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
-    expected = np.array((0.0, 0.0, side.expected_bend or 0.0))
-    prior = expected, np.diag((0.0, 0.0, side.bend**-2))
+    sigma, expected = hypot(least * sqrt(correlated), BLOCK_UNDULATION), side.expected_bend or 0.0
     surfaces = np.vstack((_surfaces_through_blocks(along, heights), (base.c0, base.c1, base.c2)))
-    off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
+    off = heights - surfaces @ np.vander(along, 3, increasing=True).T
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
-    costs += ((surfaces[:, 2] - expected[2]) / side.bend) ** 2
+    costs += ((surfaces[:, 2] - expected) / side.bend) ** 2
     cheapest = costs.min(axis=1)
     log_thicknesses = -0.5 * BLOCK_EVIDENCE_WEIGHT * (cheapest - cheapest[0])
     thickness = _mean_if_present(SCALE_THICKNESSES, posterior(known, log_thicknesses))
     cost = costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
     best = int(cost.argmin())
+    known_bend = expected, side.bend
     on_scale, surface, bend, bend_sigma = _fit_steel(
-        (s, d), surfaces[best], thickness, sigma, prior
+        (s, d), surfaces[best], thickness, sigma, known_bend
     )
     c0, c1, c2 = surface.tolist()
     likely = np.exp(-0.5 * BLOCK_EVIDENCE_WEIGHT * (cost - cost[best]))
@@ -182,45 +172,41 @@ def _fit_steel(
     surface: Array,
     thickness: float,
     sigma: float,
-    prior: tuple[Array, Array],
+    known_bend: tuple[float, float],
 ) -> tuple[NDArray[np.bool_], Array, float, float]:
     """Which points, s and d, lie on scale; the steel; its bend and sigma by the points alone."""
-    (s, d), (expected, known) = points, prior
-    basis = np.stack((np.ones_like(s), s, s**2))
+    (s, d), (expected, spread) = points, known_bend
+    basis = np.vander(s, 3, increasing=True).T
+    known = np.diag((0.0, 0.0, spread**-2))
     for _ in range(MOST_STEEL_ROUNDS):
         off = d - surface @ basis
         on_scale = (np.abs(off + thickness) < np.abs(off)) & (thickness > 0)
         raised = np.where(on_scale, d + thickness, d)
         used = np.abs(raised - surface @ basis) < OUTLIER_SIGMAS * sigma
         if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * POINTS_PER_SCALE_BLOCK:
-            return on_scale, surface, float(expected[2]), inf
+            return on_scale, surface, expected, inf
         # A block's standard deviation is a mean's: its points count as one.
         weighted = basis[:, used] / (POINTS_PER_SCALE_BLOCK * sigma**2)
         information, seen = weighted @ basis[:, used].T, weighted @ raised[used]
-        surface = np.asarray(np.linalg.solve(information + known, seen + known @ expected))
+        surface = np.asarray(np.linalg.solve(information + known, seen + known[2] * expected))
     alone = np.linalg.inv(information)
     return on_scale, surface, float((alone @ seen)[2]), sqrt(max(float(alone[2, 2]), 0.0))
 
 
 def _surfaces_through_blocks(along: Array, heights: Array) -> Array:
-    """Parabolas through three blocks each, shape (l, 3), that are not too steep for steel."""
-    a, b, c = _three_blocks(len(along))
-    sa, sb, sc = along[a], along[b], along[c]
-    first = (heights[b] - heights[a]) / (sb - sa)
-    bend = ((heights[c] - heights[b]) / (sc - sb) - first) / (sc - sa)
-    slope = first - bend * (sa + sb)
-    surfaces = np.column_stack((heights[a] - sa * (slope + sa * bend), slope, bend))
-    return np.asarray(surfaces[np.abs(surfaces[:, 1]) < STEEPEST_SLOPE_UNDER_SCALE])
+    """Parabolas through three blocks each, shape (l, 3), that are not too steep for steel.
 
-
-@lru_cache
-def _three_blocks(count: int) -> Index:
-    """Blocks through which surfaces are tried, far apart and evenly drawn of so many, (3, m)."""
-    first, last = np.triu_indices(count, max(2, count // 3))
-    every = -(-len(first) // MOST_TRIED_SURFACES)
-    first, last = first[::every], last[::every]
-    middle = first + (last - first) * np.resize(TRIED_MIDDLES, len(first))
-    return np.array((first, np.clip(middle, first + 1, last - 1), last), dtype=np.intp)
+    The three are far apart, and evenly drawn of so many.
+    """
+    a, c = np.triu_indices(len(along), max(2, len(along) // 3))
+    every = -(-len(a) // MOST_TRIED_SURFACES)
+    a, c = a[::every], c[::every]
+    b = np.clip(a + ((c - a) * np.resize(TRIED_MIDDLES, len(a))).astype(np.intp), a + 1, c - 1)
+    first = (heights[b] - heights[a]) / (along[b] - along[a])
+    bend = ((heights[c] - heights[b]) / (along[c] - along[b]) - first) / (along[c] - along[a])
+    slope = first - bend * (along[a] + along[b])
+    surfaces = np.array((heights[a] - along[a] * (slope + along[a] * bend), slope, bend)).T
+    return np.asarray(surfaces[np.abs(slope) < STEEPEST_SLOPE_UNDER_SCALE])
 
 
 def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
@@ -235,14 +221,11 @@ def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
     found[0] = np.minimum(bare, STRAY_BLOCK_COST).sum(axis=1)
     for k, step in enumerate(steps[1:].tolist(), 1):
         raised = (off + step) ** 2
-        on_scale = raised < bare
-        pays = np.minimum(np.minimum(raised, bare), STRAY_BLOCK_COST)
+        on_scale, pays = raised < bare, np.minimum(np.minimum(raised, bare), STRAY_BLOCK_COST)
         seen = pays < STRAY_BLOCK_COST
-        change = (on_scale[:, 1:] != on_scale[:, :-1]) & seen[:, 1:] & seen[:, :-1]
-        begins = np.where(
-            (on_scale & seen)[:, 0], log(SCALE_COVERED_SHARE), log(1 - SCALE_COVERED_SHARE)
-        )
-        found[k] = pays.sum(axis=1) + rarely * change.sum(axis=1) - 2 * begins
+        change = (np.diff(on_scale) & seen[:, 1:] & seen[:, :-1]).sum(axis=1)
+        begins = np.where((on_scale & seen)[:, 0], SCALE_COVERED_SHARE, 1 - SCALE_COVERED_SHARE)
+        found[k] = pays.sum(axis=1) + rarely * change - 2 * np.log(begins)
     return found
 
 
@@ -259,7 +242,7 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    if prior is None and (not (_has_mill_scale_steps(fit, 0) or _has_mill_scale_steps(fit, -1))):
+    if prior is None and not any(_has_mill_scale_steps(fit, k) for k in (0, -1)):
         return fit
     bare = _fit_without_scale(fit, prior, tolerance)
     moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
@@ -314,7 +297,7 @@ def _fit_without_scale(fit: GrooveFit, prior: GroovePrior | None, tolerance: flo
 def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> GrooveFit:
     """The fit behind where light between the faces pulls the notch in."""
     fitted, face = fit.fitted, len(fit.model.sides) - 2
-    log_pulls = _pull_log_likelihoods(*_estimate_pull(fit))
+    log_pulls = pull_log_likelihoods(fit.row, fitted, face)
     probability = posterior(prior.log_pulls, log_pulls)
     pull = _mean_if_present(NOTCH_PULLS, probability)
     doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_RELATIVE_SIGMA * pull) ** 2
@@ -323,7 +306,9 @@ def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> G
         at = fitted.corners[corner][None]
         sine = float(fitted.curves[face].chord_sines_with_rays(at)[0])
         shift[2 * corner : 2 * corner + 2] = sine * fitted.corner_shift(corner, face)
-    closeness = _closeness_to_notch(fit.row.points, fitted.corners[-2:])
+    # Points take a raised cosine of their distance from the nearer corner.
+    away = np.linalg.norm(fit.row.points[:, None] - fitted.corners[-2:], axis=2).min(axis=1)
+    closeness = 0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0))
     # At its ends the face is pulled in most. Few of its points would be bent by less between.
     closeness[fitted.spans[face]] = 1.0
     curves = list(fitted.curves)
@@ -334,71 +319,6 @@ def _fit_without_pull(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> G
     covariance = fit.steel_covariance + doubt * np.outer(shift, shift)
     fit = replace(fit, steel_covariance=covariance, evidence=evidence)
     return _fit_moved_points(fit, pull * closeness, tolerance, tuple(curves))
-
-
-def _pull_log_likelihoods(pull: float, sigma: float) -> Array:
-    """Log-likelihood of each of `NOTCH_PULLS`, from an estimate and its standard deviation."""
-    if not isfinite(sigma):
-        return np.zeros(len(NOTCH_PULLS))
-    spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
-    density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
-    return np.log((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE)
-
-
-def _closeness_to_notch(points: Array, notch: Array) -> Array:
-    """Share of the pull that points take, shape (n,): a raised cosine of their distance.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-    notch : ndarray, shape (m, 2)
-        Its corners, x and z in metres.
-    """
-    away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
-
-
-def _estimate_pull(fit: GrooveFit) -> tuple[float, float]:
-    """Estimate a pull from the flanks of a root with a face: weighted least squares.
-
-    In metres, and its standard deviation, infinite where nothing shows it. It may come out
-    negative.
-    """
-    row, fitted = fit.row, fit.fitted
-    closeness = _closeness_to_notch(row.points, fitted.corners[-2:])
-    value, information = 0.0, 0.0
-    last = len(fitted.curves) - 1
-    for k in (last - 2, last):
-        own, side = fitted.spans[k], fit.model.sides[k]
-        curve = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
-        points = row.points[own]
-        s, d = curve.local_coordinates(points)
-        pull = -closeness[own] * curve.chord_sines_with_rays(points)
-        close = closeness[own] > 0
-        off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
-        sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
-        used = fitted.keep[own] | (close & (np.abs(off) < 2 * OUTLIER_SIGMAS * sigma))
-        if np.count_nonzero(close & used) < FEWEST_PULLED_POINTS:
-            continue
-        expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
-        basis = np.stack([s[used] ** p for p in range(4)])
-        g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
-        variance = sigma**2 * fitted.variance_inflation
-        known = np.zeros(4)
-        known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
-        taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))
-        left = g - taken[:, 0] @ basis
-        value += float(left @ y) / variance
-        information += float(left @ g) / variance
-    if information <= 0:
-        return 0.0, inf
-    return value / information, 1 / sqrt(information)
-
-
-def _moved_along_rays(row: Profile, away: Array) -> Profile:
-    """Points moved away from the sensor along their rays, (n,) metres."""
-    x_s, z_s = (row.points + away[:, None] * unit_vectors(row.points)).T
-    return replace(row, x_s=x_s, z_s=z_s)
 
 
 def _mean_if_present(values: Array, probability: Array) -> float:
@@ -414,7 +334,8 @@ def _fit_moved_points(
     met = corners_between_sides(curves, fit.fitted.corners)
     if met is None or not back.any():
         return fit
-    moved = _moved_along_rays(fit.row, back)
+    x_s, z_s = (fit.row.points + back[:, None] * unit_vectors(fit.row.points)).T
+    moved = replace(fit.row, x_s=x_s, z_s=z_s)
     start = Polyline(curves, met[0], fit.cost)
     again = refine_fit(moved, start, fit.model.sides, tolerance, annealed=False)
     return fit if again is None else replace(fit, row=moved, fitted=again)

@@ -11,12 +11,13 @@ from dataclasses import replace
 from math import floor, sqrt
 from typing import Final
 
+from tjscan.core.errors import GrooveNotFound
 from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
 from tjscan.crawler.joint_tracking.tracking import REGISTERED_JOINT, ButtJointReading, JointTracker
 from tjscan.laser.profile import Profile
 
-STATION_LENGTH: Final = 5e-3
-"""Metres along the joint for which one reference holds."""
+STATION_LENGTH, STATION_STEP = 5e-3, 1e-3
+"""Metres along the joint that a reference is the median of, about its place, and between two."""
 
 PROFILE_SPACING: Final = 0.5e-3
 """Metres between two profiles that are remembered."""
@@ -25,49 +26,86 @@ FEWEST_PROFILES: Final = 4
 """Profiles that make a reference: the median of fewer shows the light of the arc."""
 
 
+LONGEST_BRIDGE: Final = 20e-3
+"""Metres along the joint between two readings, between which it is on the line through both."""
+
+
 class JointMemory:
     """What the joint looked like at each place when the vehicle last went back over it."""
 
     def __init__(self) -> None:
         self._references: dict[int, ReferenceProfile] = {}
-        self._seen: list[tuple[Profile, JointPlacement]] = []
-        self._station = 0
+        self._seen: list[tuple[float, Profile, JointPlacement]] = []
+        self._unread: list[tuple[float, Profile]] = []
+        self._next = 0
         self._last: float | None = None
 
     def reference_at(self, travel: float) -> ReferenceProfile | None:
         """What the joint looked like at a place along it, in metres; None if it was not seen."""
-        return self._references.get(floor(travel / STATION_LENGTH))
+        return self._references.get(round(travel / STATION_STEP))
 
     def remember(
-        self, travel: float, profile: Profile, placement: JointPlacement, noise: float
+        self, travel: float, profile: Profile, placement: JointPlacement | None, noise: float
     ) -> None:
         """Take in a profile, if the vehicle went back since the last one.
 
-        The reference of a station is made when the vehicle leaves it.
+        The reference of a place is made when the vehicle has gone on beyond it, or turns.
 
         Parameters
         ----------
         travel : float
             Where it is along the joint, metres.
         profile : Profile
-        placement : JointPlacement
-            Where the joint is in it.
+        placement : JointPlacement or None
+            Where the joint is in it; None if it was not read: then it is on the straight line
+            between where it was read before and behind, if these are near.
         noise : float
             Standard deviation of its z, metres.
         """
-        if self._last is None or travel > self._last:
-            self._last = travel
+        if self._last is None or travel > self._last + PROFILE_SPACING:
+            self._make_references(self._last or 0.0, noise)
+            self._last, self._next = travel, floor(travel / STATION_STEP)
+            self._seen, self._unread = [], []
         if travel > self._last - PROFILE_SPACING:
             return
         self._last = travel
-        station = floor(travel / STATION_LENGTH)
-        if station != self._station:
-            if len(self._seen) >= FEWEST_PROFILES:
-                profiles, placements = zip(*self._seen, strict=True)
-                reference = ReferenceProfile.from_profiles(profiles, placements, noise)
-                self._references[self._station] = reference
-            self._seen, self._station = [], station
-        self._seen.append((profile, placement))
+        if not self._seen or self._seen[-1][0] - travel > LONGEST_BRIDGE:
+            self._unread.clear()
+        if placement is None:
+            self._unread.append((travel, profile))
+            return
+        for at, one in self._unread:
+            before, _, first = self._seen[-1]
+            share = (before - at) / (before - travel)
+            self._seen.append((at, one, _between(first, placement, share)))
+        self._unread.clear()
+        self._seen.append((travel, profile, placement))
+        self._make_references(travel + STATION_LENGTH / 2, noise)
+
+    def _make_references(self, down_to: float, noise: float) -> None:
+        """Make the references that are left of those ahead of a place."""
+        while self._seen and (place := self._next * STATION_STEP) > down_to:
+            near = [row for row in self._seen if abs(row[0] - place) < STATION_LENGTH / 2]
+            if len(near) >= FEWEST_PROFILES:
+                _, profiles, placements = zip(*near, strict=True)
+                before = self._references.get(self._next)
+                made = ReferenceProfile.from_profiles(profiles, placements, noise, before)
+                self._references[self._next] = made
+            self._next -= 1
+            self._seen = [row for row in self._seen if row[0] < place + STATION_LENGTH / 2]
+
+
+def _between(one: JointPlacement, other: JointPlacement, share: float) -> JointPlacement:
+    """Placement on the way from one to another, as unsure as the less sure of both.
+
+    A vehicle hardly turns meanwhile. What it is off by is common to all on that way.
+    """
+    a, b = ((p.centre, p.hull_z, p.roll) for p in (one, other))
+    centre, hull_z, roll = ((1 - share) * x + share * y for x, y in zip(a, b, strict=True))
+    sigma = max(one.centre_sigma, other.centre_sigma)
+    return JointPlacement(
+        centre=centre, hull_z=hull_z, roll=roll, centre_sigma=sigma, shared_sigma=sigma
+    )
 
 
 class RememberingTracker:
@@ -75,8 +113,7 @@ class RememberingTracker:
 
     def __init__(self) -> None:
         self._tracker, self._memory = JointTracker(), JointMemory()
-        self._reference: ReferenceProfile | None = None
-        self._readings = 0
+        self._station, self._readings = 0, 0
 
     def read(self, profile: Profile, travel: float) -> ButtJointReading:
         """Find the joint in a profile; see `JointReader.read`.
@@ -85,10 +122,16 @@ class RememberingTracker:
         before it.
         """
         reference = self._memory.reference_at(travel)
-        reading = self._tracker.read(profile, reference)
+        try:
+            reading = self._tracker.read(profile, reference)
+        except GrooveNotFound as error:
+            if error.reason != "frozen":
+                self._memory.remember(travel, profile, None, self._tracker.noise)
+            raise
         self._memory.remember(travel, profile, reading, self._tracker.noise)
-        if reference is not self._reference:
-            self._reference, self._readings = reference, 0
+        station = floor(travel / STATION_LENGTH)
+        if station != self._station:
+            self._station, self._readings = station, 0
         if REGISTERED_JOINT not in reading.conditions:
             return reading
         self._readings += 1
@@ -96,6 +139,7 @@ class RememberingTracker:
         return replace(
             reading,
             centre_sigma=sigma_of_independent_part(sqrt(own), reading.shared_sigma, self._readings),
+            lone_sigma=reading.centre_sigma,
         )
 
 

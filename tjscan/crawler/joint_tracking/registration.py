@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import cos, nan, sin, sqrt, tau
+from dataclasses import dataclass, replace
+from math import cos, hypot, isfinite, isnan, nan, sin, sqrt, tau
+from statistics import median
 from typing import Final
 
 import numpy as np
@@ -33,27 +34,36 @@ SETTLED_SHIFT: Final = 1e-6
 FEWEST_ON_REFERENCE: Final = 40
 """Points that must lie on the reference."""
 
-LEAST_SEEN_SHARE_OF_SIDE: Final = 0.1
+LEAST_SEEN_SHARE_OF_SIDE, LARGEST_SHARE_OF_HIDDEN_SIDE = 0.1, 0.3
 """Share of what each side of a reference shows of its place across that must be left: a bead laid
-since hides much of a bevel, but over another joint only the places where outlines cross agree."""
+since hides much of a bevel, but over another joint only the places where outlines cross agree. And
+up to which a side counts as hidden if a bead covers its edge, for outlines cross there, too."""
 
-EDGE_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 1e-3, 0.3e-3
-"""Slope from which a reference is a bevel, and metres to both sides of its edge in which a bead
-over it stands over the hull by so many metres: no joint that is merely narrower does."""
+EDGE_SLOPE, BEVEL_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 0.8, 1e-3, 0.2e-3
+"""Slope from which a reference is no plate, and from which no bead's toe; and metres to both sides
+of a place at its edge or inside of it where a bead that hides the edge stands over the plate by so
+many metres: no joint that is merely narrower does."""
 
 LEAST_SEEN_SHARE_OF_ONE_SIDE, LEAST_SEEN_SHARE_OF_EDGE = 0.5, 0.9
 """Shares that must be left if a bead covers the edge of the other side, and one alone shows where
-the joint is: of what that side shows, or of the points about its edge. Where both edges are welded
-over, or over another joint, outlines cross anywhere else."""
+the joint is: of what that side shows, or of the points about its edge, if a bevel ends there. Where
+both edges are welded over, or over another joint, outlines cross anywhere else."""
 
 LARGEST_CHANGE_ALONG: Final = 0.3e-3
-"""Metres by which a reference's bevels may change over the length that it holds for, as a standard
-deviation, if one side alone shows where the joint is. At the end of a bead they change by more, and
-all points of a side are off alike there, however many agree."""
+"""Metres by which what slopes in a reference may change along the length that it is of, as a
+standard deviation, if one side alone shows where the joint is. Where a bead ends it changes by
+more, and all points of a side are off alike, however many agree."""
+
+LEAST_CLOSING, UNKNOWN_CLOSING = 0.02e-3, 0.1e-3
+"""Metres by which a pass closes the joint, as a standard deviation: no less than the edges are
+read to, and before a pass has shown it."""
 
 DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 """Standard deviations and metres between which a point lies deeper than the reference as another
 joint's would: the arc's light is anywhere, mostly farther."""
+
+STRAY_DEPTH: Final = 0.5e-3
+"""Metres from a reference by which a point of its own profiles counts as no farther: spatter."""
 
 MOST_DEEPER_SHARE: Final = 0.2
 """Share of what a side shows that may be deeper: a pass adds steel and takes none away."""
@@ -74,6 +84,9 @@ class JointPlacement:
         Standard deviation of the centre, in metres.
     shared_sigma : float
         The part of it that all placements on the same reference have in common, in metres.
+    lone_sigma : float
+        Standard deviation of this placement alone, where that of the centre is of what it adds to
+        those before it, in metres; else 0.
     """
 
     centre: float
@@ -81,6 +94,7 @@ class JointPlacement:
     roll: float
     centre_sigma: float
     shared_sigma: float = 0.0
+    lone_sigma: float = 0.0
 
     @property
     def width(self) -> float:
@@ -109,19 +123,34 @@ class ReferenceProfile:
         Of the depth.
     noise : ndarray, shape (n,)
         Standard deviation of the depths, with their changes along the joint, in metres.
+    wander : ndarray, shape (2,)
+        By how much the left and the right side go to and fro across the joint from one profile to
+        the next, as a standard deviation, metres: a bead's toe does.
     centre_sigma : float
         Standard deviation of the centre that the reference was taken with, in metres.
+    width : float
+        Between the top edges when they were last read here, in metres; NaN if they never were.
+    closing : float
+        By how much the joint may have closed since, as a standard deviation, in metres: by as much
+        as the pass before it closed it, for each pass closes it less.
     """
 
     across: Array
     depth: Array
     slope: Array
     noise: Array
+    wander: Array
     centre_sigma: float
+    width: float
+    closing: float
 
     @classmethod
     def from_profiles(
-        cls, profiles: Sequence[Profile], placements: Sequence[JointPlacement], noise: float
+        cls,
+        profiles: Sequence[Profile],
+        placements: Sequence[JointPlacement],
+        noise: float,
+        before: ReferenceProfile | None = None,
     ) -> ReferenceProfile:
         """Take the median of some profiles of one place.
 
@@ -134,6 +163,8 @@ class ReferenceProfile:
             Where the joint was read in each.
         noise : float
             Standard deviation of one profile's z, in metres.
+        before : ReferenceProfile, optional
+            What the joint looked like here a pass before.
         """
         parts = [
             placement.joint_coordinates(profile.x_s[profile.valid], profile.z_s[profile.valid])
@@ -153,8 +184,32 @@ class ReferenceProfile:
         # A median of independent values is less certain than their mean.
         own = noise**2 * min(0.5 * np.pi / len(placements), 1.0)
         changes = np.maximum(variance - noise**2, 0.0)
-        centre_sigma = _sigma_of_mean(placements)
-        return cls(across, depth, _smoothed_slope(depth), np.sqrt(own + changes), centre_sigma)
+        slope, centre_sigma = _smoothed_slope(depth), _sigma_of_mean(placements)
+        # What each profile shows of either side is laid on the reference for itself.
+        side = 2 * np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts]) + (u > 0)
+        lever = np.interp(u, across, slope)
+        off = np.clip(level - middle[index], -STRAY_DEPTH, STRAY_DEPTH)
+        information = np.bincount(side, lever**2, 2 * len(parts)) + 1e-12
+        moved = np.bincount(side, lever * off, 2 * len(parts)) / information
+        steps = np.diff(moved.reshape(-1, 2), axis=0) ** 2 / 2
+        expected = np.reshape(noise**2 / information, (-1, 2)).mean(axis=0)
+        wander = np.sqrt(np.maximum(steps.mean(axis=0) - expected, 0.0))
+        rough = np.sqrt(own + changes)
+        width, closing = _width_and_closing(placements, before)
+        return cls(across, depth, slope, rough, wander, centre_sigma, width, closing)
+
+
+def _width_and_closing(
+    placements: Sequence[JointPlacement], before: ReferenceProfile | None
+) -> tuple[float, float]:
+    """Width between the edges, and by how much it may be less after the next pass, metres."""
+    widths = [one.width for one in placements if isfinite(one.width)]
+    width = median(widths) if widths else nan
+    if before is None or isnan(before.width):
+        return width, UNKNOWN_CLOSING
+    if isnan(width):
+        return before.width, before.closing
+    return width, max(before.width - width, LEAST_CLOSING)
 
 
 def _sigma_of_mean(placements: Sequence[JointPlacement]) -> float:
@@ -184,7 +239,13 @@ def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
 
 
 def register_profile(
-    t: Array, z: Array, reference: ReferenceProfile, start: JointPlacement, noise: float
+    t: Array,
+    z: Array,
+    reference: ReferenceProfile,
+    start: JointPlacement,
+    noise: float,
+    *,
+    by_one_side: bool = False,
 ) -> tuple[JointPlacement, float] | None:
     """Lay a profile on a reference.
 
@@ -197,14 +258,16 @@ def register_profile(
         Where the joint was last.
     noise : float
         Standard deviation of z, in metres.
+    by_one_side : bool, optional
+        Whether points of a side that a bead hides were left out.
 
     Returns
     -------
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
-        of the points that lie on the reference. None if too few do, if one side of the
-        joint no longer shows where it is and no bead covers its edge, or if steel is gone that the
-        reference shows.
+        of the points that lie on the reference. None if too few do, if the reference is of where
+        a bead ended, if one side of the joint no longer shows where it is and no bead covers its
+        edge, or if steel is gone that the reference shows.
     """
     x = t * z
     roll = start.roll
@@ -240,46 +303,108 @@ def register_profile(
         roll += float(step[2])
         if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_SHIFT:
             break
-    shift_information = (slope / spread) ** 2
-    seen = []
-    for side in (u < 0, u > 0):
-        side_total = shift_information[side].sum()
-        seen.append(weight[side] @ shift_information[side] / max(side_total, 1e-12))
-        if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE:
-            over_edge = (place[1] - deep)[side & _is_near_edge(u, reference)]
-            if not (len(over_edge) and np.median(over_edge) > LEAST_COVER):
-                return None
-        deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
-        if shift_information[side] @ deeper > MOST_DEEPER_SHARE * side_total:
-            return None
-    if min(seen) < LEAST_SEEN_SHARE_OF_SIDE:
-        changes = reference.noise[np.abs(reference.slope) > EDGE_SLOPE]
-        is_steady = len(changes) > 0 and np.median(changes) < LARGEST_CHANGE_ALONG
-        shown = weight[_is_near_edge(u, reference) & ((u > 0) == (seen[1] > seen[0]))]
-        is_shown = max(seen) > LEAST_SEEN_SHARE_OF_ONE_SIDE or (
-            max(seen) > LEAST_SEEN_SHARE_OF_SIDE
-            and np.sum(shown) > LEAST_SEEN_SHARE_OF_EDGE * len(shown)
-        )
-        if not (is_shown and is_steady):
-            return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
+    if not by_one_side:
+        points = (u, deep - place[1], slope, spread)
+        hidden = _side_hidden(reference, points, away, weight)
+        if hidden is None:
+            return None
+        if hidden:
+            # Where the bead's outline crosses the reference its points seem to lie on it.
+            left = hidden * u > _edge_of(reference, hidden) + EDGE_HALF_WIDTH
+            left |= hidden * u < 0
+            found = replace(start, centre=centre, hull_z=hull_z, roll=roll)
+            return register_profile(t[left], z[left], reference, found, noise, by_one_side=True)
     moves = np.array((c, s, hull_z))
     # What differs from the reference by more than noise makes the centre less certain, too.
     excess = max(float(weight @ (away / spread) ** 2) / float(weight.sum()), 1.0)
-    variance = excess * float(moves @ np.linalg.solve(information, moves))
+    moves = np.linalg.solve(information, moves)
+    variance = excess * float(moves @ information @ moves)
+    for side, wander in zip((u < 0, u > 0), reference.wander, strict=True):
+        variance += (wander * float(moves @ (weighted[side].T @ slope[side]))) ** 2
+    # By one side half the width tells where the middle is.
+    shared = hypot(reference.centre_sigma, by_one_side * reference.closing / 2)
     found = JointPlacement(
         centre=centre,
         hull_z=hull_z,
         roll=roll,
-        centre_sigma=sqrt(max(variance, 0.0) + reference.centre_sigma**2),
-        shared_sigma=reference.centre_sigma,
+        centre_sigma=hypot(sqrt(max(variance, 0.0)), shared),
+        shared_sigma=shared,
     )
     return found, 1 - share
 
 
-def _is_near_edge(u: Array, reference: ReferenceProfile) -> NDArray[np.bool_]:
-    """Which places across from the joint's centre, in metres, are near a reference's top edges."""
-    bevels = reference.across[np.abs(reference.slope) > EDGE_SLOPE]
-    edges = [bevels.min(initial=0.0), bevels.max(initial=0.0)]
-    return np.asarray(np.abs(np.subtract.outer(u, edges)).min(axis=1) < EDGE_HALF_WIDTH)
+def _side_hidden(
+    reference: ReferenceProfile, points: tuple[Array, ...], away: Array, weight: Array
+) -> int | None:
+    """The side that a bead hides: -1 or 1, or 0 if both show where the joint is; None if none does.
+
+    Parameters
+    ----------
+    reference : ReferenceProfile
+    points : tuple of ndarray, shape (n,)
+        Places of a profile's points from the joint's centre, and into the hull, metres; slope of
+        the reference there, and standard deviation of its height over the reference, metres.
+    away, weight : ndarray, shape (n,)
+        How much deeper than the reference each is, metres, and the probability that it is on it.
+    """
+    u, depth, slope, spread = points
+    information = (slope / spread) ** 2
+    seen, covered = [], []
+    for outward in (-1, 1):
+        side = outward * u > 0
+        total = max(float(information[side].sum()), 1e-12)
+        seen.append(float(weight[side] @ information[side]) / total)
+        covered.append(
+            seen[-1] < LARGEST_SHARE_OF_HIDDEN_SIDE
+            and _is_covered(outward * u[side], depth[side], reference, outward)
+        )
+        if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE and not covered[-1]:
+            return None
+        deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
+        if information[side] @ deeper > MOST_DEEPER_SHARE * total:
+            return None
+    if not any(covered):
+        return 0
+    hidden = -1 if seen[0] < seen[1] else 1
+    edge = np.abs(-hidden * u - _edge_of(reference, -hidden)) < EDGE_HALF_WIDTH
+    is_shown = max(seen) > LEAST_SEEN_SHARE_OF_ONE_SIDE or (
+        max(seen) > LEAST_SEEN_SHARE_OF_SIDE
+        and np.sum(weight[edge]) > LEAST_SEEN_SHARE_OF_EDGE * np.count_nonzero(edge)
+        and np.abs(slope[edge]).max() > BEVEL_SLOPE
+    )
+    changes = np.median(reference.noise[np.abs(reference.slope) > EDGE_SLOPE])
+    return hidden if is_shown and changes < LARGEST_CHANGE_ALONG else None
+
+
+def _is_covered(out: Array, depth: Array, reference: ReferenceProfile, outward: int) -> bool:
+    """Whether a bead stands over the plate about the edge of a reference's side, or inside of it.
+
+    A joint that is merely narrower shows its plate there. Each side counts from its own plate.
+
+    Parameters
+    ----------
+    out, depth : ndarray, shape (n,)
+        Points of that side of a profile: outward from the joint's centre, and into the hull,
+        metres.
+    reference : ReferenceProfile
+    outward : int
+        -1 for the left side, 1 for the right one.
+    """
+    edge = _edge_of(reference, outward)
+    plate = reference.depth[outward * reference.across > edge + EDGE_HALF_WIDTH]
+    beyond = out > edge + EDGE_HALF_WIDTH
+    if not (edge > 0 and len(plate) and beyond.any()):
+        return False
+    over = np.median(plate) - depth
+    windows = [np.abs(out - edge + k * EDGE_HALF_WIDTH) < EDGE_HALF_WIDTH for k in range(4)]
+    height = max(np.median(over[near]) for near in windows if near.any())
+    is_on_plate = np.abs(over[beyond]) < LEAST_COVER
+    return bool(height > LEAST_COVER and np.mean(is_on_plate) > LEAST_SEEN_SHARE_OF_ONE_SIDE)
+
+
+def _edge_of(reference: ReferenceProfile, outward: int) -> float:
+    """Metres outward from the joint's centre to where a side of a reference ends to slope."""
+    slopes = np.abs(reference.slope) > EDGE_SLOPE
+    return float((outward * reference.across[slopes]).max(initial=0.0))

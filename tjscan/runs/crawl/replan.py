@@ -45,7 +45,7 @@ FEWEST_PROFILES: Final = 3
 PLATE_MARGIN: Final = 8e-3
 """Of the plates beside the joint that a look shows, metres."""
 
-EDGE_POOLING, EDGE_SIGMA = 20e-3, 0.05e-3
+EDGE_POOLING, EDGE_SIGMA = 6e-3, 0.05e-3
 """To either side of a station over which its edges are the median of those read, and how well the
 centre between these must be known, as a standard deviation; metres."""
 
