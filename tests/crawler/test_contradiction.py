@@ -398,7 +398,9 @@ def test_a_joint_that_jumps_in_its_picture_is_another(read: float, seen: float, 
     going = Twist(8e-3, 0.0)
 
     def go_on(surprise: float | None, at: float) -> None:
-        watch.add(going, going, 0.01, groove(at, rng), surprise and (surprise, surprise))
+        watch.add(
+            going, going, 0.01, groove(at, rng), None if surprise is None else (surprise, surprise)
+        )
 
     for _ in range(200):
         go_on(20e-6 * rng.standard_normal(), 0.0)
