@@ -286,7 +286,7 @@ class SlipAwareMethod:
                 f"the vehicle would slip as none does: its {name} is {abs(off[worst]):.1f} "
                 "standard deviations off what [slip] states. The joint bends otherwise than was "
                 "found, or has a radius: look at it, state course.radius_m, or make "
-                "alignment.length_mm longer",
+                "alignment.length_mm longer. If the vehicle slips so, state more there",
             )
 
     def keep_state(self) -> None:
