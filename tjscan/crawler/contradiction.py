@@ -57,7 +57,7 @@ SCATTER_MEMORY_LENGTH: Final = 0.3
 SCATTER_LIMIT: Final = 6.0
 """Standard deviations: one in 10⁹ of normal means; some 10⁵ means are seen in an hour."""
 
-BEND_LIMIT: Final = 4.0
+BEND_LIMIT: Final = 3.0
 """Least deviations of the longer mean from which the joint may be taken for one that bends, if its
 course says so, too. What is followed in vain costs an alignment, what is not is taken for slip."""
 
