@@ -504,7 +504,7 @@ class ContradictionWatch:
     def _course(self) -> Course:
         """How readings go aside: straight on, or from some place on otherwise, or by a jump.
 
-        The last two count if they are that much likelier than both others.
+        The last two count if they are `BEND_EVIDENCE` times likelier than both others.
         """
         if len(self._aside) < FEWEST_OF_COURSE:
             return Course(jumped=True)

@@ -22,8 +22,8 @@ TRIED_NOTCH_PULLS: Final = readonly_copy(
     1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0))
 )
 NOTCH_PULLS: Final = readonly_copy(np.append(0.0, TRIED_NOTCH_PULLS))
-"""How far light between the faces may pull a notch in, in metres, without no pull and with it: real
-profiles show 0.4 to 1.5 mm."""
+"""How far light between the faces may pull a notch in, in metres, if it does, and if it may not:
+real profiles show 0.4 to 1.5 mm."""
 
 SCALE_THICKNESSES: Final = readonly_copy(np.concatenate(([0.0], np.arange(4, 21, 2) * 25e-6)))
 """How thick mill scale may be, in metres: real profiles show 0.2 to 0.4 mm."""
