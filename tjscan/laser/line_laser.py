@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -19,6 +20,30 @@ class LineLaser(Device, Protocol):
         ------
         LaserFault
             If no profile came.
+        """
+
+
+@runtime_checkable
+class StreamingLaser(Protocol):
+    """A line laser that takes profiles as the arm moves, and says when each was taken."""
+
+    def stream(self, period: float) -> Iterator[Profile]:
+        """Take profiles one after another until nobody asks for more.
+
+        Parameters
+        ----------
+        period : float
+            Seconds between two of them.
+
+        Yields
+        ------
+        Profile
+            With the time in the middle of its exposure.
+
+        Raises
+        ------
+        LaserFault
+            If one does not come.
         """
 
 

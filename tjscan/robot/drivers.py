@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from operator import attrgetter
+from time import sleep
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.config import add_file_to_errors
@@ -60,9 +61,12 @@ class ArmDriverFactory(DriverFactory[ArmDriverInputs, Arm]):
     ----------
     truth : callable, optional
         Returns the true pose of an arm's flange, shape (4, 4): of a real arm what it reports.
+    pass_time : callable, optional
+        Lets some seconds pass on an arm's clock: that of a simulated arm runs no other way.
     """
 
     truth: Callable[[Any], Array] = field(default=lambda arm: arm.state().T_b_f)
+    pass_time: Callable[[Any, float], object] = field(default=lambda arm, seconds: sleep(seconds))
 
 
 def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
@@ -83,6 +87,8 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
             seed=context.seed,
             realtime=world.realtime,
             time=0.0 if left is None else left.time,
+            lag=world.lag,
+            wander=world.wander,
             errors=None
             if world.errors is None
             else SimulatedArmErrors.draw_true_arm(context.kinematics, world.errors, context.seed),
@@ -105,7 +111,10 @@ ARM_DRIVERS: Final = DriverRegistry(
     "arm",
     {
         "simulated": ArmDriverFactory(
-            _make_simulated_arm, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
+            _make_simulated_arm,
+            kind=DriverKind.SIMULATED,
+            truth=attrgetter("true_T_b_f"),
+            pass_time=lambda arm, seconds: arm.pass_time(seconds),
         ),
         "replay": ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED),
         "ur": ArmDriverFactory(_make_ur_arm, UrSettings, extra="ur", client="rtde_control"),

@@ -16,7 +16,14 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.groove.read import read_groove
-from tjscan.job.cell import Cell, SensorMount, joint_scene, make_cell, sensor_mount_of_job
+from tjscan.job.cell import (
+    Cell,
+    SensorMount,
+    joint_scene,
+    make_cell,
+    motion_limits_of_job,
+    sensor_mount_of_job,
+)
 from tjscan.job.files import ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
@@ -192,6 +199,19 @@ def check_scan_job(context: ScanContext) -> None:
             cell.arm.check_moves(*(start.T for start in job.start_poses))
 
 
+def _scanner_of_plan(
+    setup: ScanSetup, cell: Cell, job: ScanJob, journal: Journal, stop: StopRequest
+) -> Scanner:
+    """The scanner for a job's mode."""
+    if job.scan.mode == "stepwise":
+        return Scanner(setup, job.scan, journal, stop=stop)
+    # toppra, which imports Matplotlib, is loaded where it is used.
+    from tjscan.scanning.continuous.scanner import ContinuousScanner
+
+    arm = cell.clearance.kinematics
+    return ContinuousScanner(setup, job.scan, journal, arm, motion_limits_of_job(job), stop)
+
+
 def scan_in_cell(
     cell: Cell,
     job: ScanJob,
@@ -210,7 +230,7 @@ def scan_in_cell(
             if device.identity:
                 journal.record(RunEvent(name, str(device.identity)))
         setup = ScanSetup(cell.arm, cell.laser, cell.T_f_s, read)
-        scanner = Scanner(setup, job.scan, journal, stop=stop)
+        scanner = _scanner_of_plan(setup, cell, job, journal, stop)
         try:
             if done is not None and len(sections) >= 2:
                 return scanner.resume(done, sections)
