@@ -308,6 +308,10 @@ class GrooveNotFound(TjscanError):
         super().__init__(f"no groove found ({reason}): {detail}")
 
 
+class PathTooLate(ArmFault):
+    """A path to follow can't replace the one before any more: that is followed to its end."""
+
+
 class SetPointTooFar(TjscanError):
     """The set-point of the next section is further from the last one than the scan's step allows.
 

@@ -27,7 +27,7 @@ class LineLaser(Device, Protocol):
 class StreamingLaser(Protocol):
     """A line laser that takes profiles as the arm moves, and says when each was taken."""
 
-    def stream(self, period: float) -> Iterator[Profile]:
+    def stream(self, period: float) -> Iterator[Profile | None]:
         """Take profiles one after another until nobody asks for more.
 
         Parameters
@@ -37,13 +37,14 @@ class StreamingLaser(Protocol):
 
         Yields
         ------
-        Profile
-            With the time in the middle of its exposure.
+        Profile or None
+            With the time in the middle of its exposure, in seconds on the laser's own clock: it
+            may be off the arm's and drift. None each time that none came.
 
         Raises
         ------
         LaserFault
-            If one does not come.
+            If the laser is not connected.
         """
 
 

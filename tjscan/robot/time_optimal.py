@@ -28,8 +28,10 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 GRID_SPACING: Final = 2e-3
 """Metres along the path between two places at which limits are looked at."""
 
-SHARE_OF_LIMITS: Final = 0.95
-"""Of speeds and accelerations that a motion may take at these places: between them it takes more."""
+SHARES_OF_LIMITS: Final = (0.9, 0.94, 0.98)
+"""Of speeds and accelerations that a motion may take at these places, tried in this order: a path
+that leaves another one at full speed turns a little otherwise, and between the places it takes a
+little more."""
 
 ACCELERATION_DIRECTIONS: Final = np.linspace(0.0, np.pi, 9)
 """Radians, in the plane of a path and its bend: directions in which the tool's acceleration is
@@ -85,9 +87,12 @@ class _SplinePath(AbstractGeometricPath):  # type: ignore[misc]  # the library h
 class _ToolLimits(LinearConstraint):  # type: ignore[misc]
     """Speed and acceleration of the flange's origin, and the speed along the path."""
 
-    def __init__(self, points_b: CubicSpline, scale: float, limits: MotionLimits) -> None:
+    def __init__(
+        self, points_b: CubicSpline, scale: float, tcp_speed: float, tcp_acceleration: float
+    ) -> None:
         super().__init__()
-        self._points_b, self._scale, self._limits = points_b, scale, limits
+        self._points_b, self._scale = points_b, scale
+        self._speed, self._acceleration = tcp_speed, tcp_acceleration
         self.identical = True
 
     def compute_constraint_params(self, path: Any, places: Array, *others: Any) -> tuple[Any, ...]:
@@ -100,8 +105,8 @@ class _ToolLimits(LinearConstraint):  # type: ignore[misc]
         a = np.column_stack((speed, np.zeros_like(speed)))
         b = np.column_stack((along, across))
         F = np.column_stack((np.cos(ACCELERATION_DIRECTIONS), np.sin(ACCELERATION_DIRECTIONS)))
-        g = np.full(len(F), SHARE_OF_LIMITS * self._limits.tcp_acceleration)
-        fastest = np.minimum(SHARE_OF_LIMITS * self._limits.tcp_speed / speed, 1.0)
+        g = np.full(len(F), self._acceleration)
+        fastest = np.minimum(self._speed / speed, 1.0)
         bounds = np.column_stack((np.zeros_like(fastest), fastest**2))
         return a, b, np.zeros_like(a), F, g, None, bounds
 
@@ -139,31 +144,38 @@ class PathTiming:
         LengthOverTime or None
             None if the path can't be run through: from this speed there is no stop on it.
         """
-        limits, scale = self._limits, self._speed
         points_b = CubicSpline(q.x, [self._kinematics.forward(one)[:3, 3] for one in q(q.x)])
-        n = len(self._kinematics.velocity)
-        fastest = SHARE_OF_LIMITS * limits.joint_speed * self._kinematics.velocity
-        quickest = np.full(n, SHARE_OF_LIMITS * limits.joint_acceleration)
+        pieces = max(4, ceil(float(q.x[-1] - q.x[0]) / GRID_SPACING))
+        places = np.linspace(q.x[0], q.x[-1], pieces + 1)
+        for share in SHARES_OF_LIMITS:
+            speeds = self._speeds_within(share, q, points_b, places, start_speed)
+            if speeds is not None:
+                sums = speeds[1:] + speeds[:-1]
+                times = start + np.append(0.0, np.cumsum(2 * np.diff(places) / sums))
+                return LengthOverTime(times, places, speeds)
+        return None
+
+    def _speeds_within(
+        self, share: float, q: CubicSpline, points_b: CubicSpline, places: Array, start_speed: float
+    ) -> Array | None:
+        """Largest speeds at places within a share of the limits; None if there are none."""
+        limits, scale = self._limits, self._speed  # the library likes numbers about one
+        fastest = share * limits.joint_speed * self._kinematics.velocity
+        quickest = np.full(len(fastest), share * limits.joint_acceleration)
         constraints = [
             JointVelocityConstraint(np.column_stack((-fastest, fastest))),
             JointAccelerationConstraint(np.column_stack((-quickest, quickest))),
-            _ToolLimits(points_b, scale, limits),
+            _ToolLimits(
+                points_b, scale, share * limits.tcp_speed, share * limits.tcp_acceleration
+            ),
         ]
-        length = float(q.x[-1] - q.x[0])
-        pieces = max(4, ceil(length / GRID_SPACING))
-        places = np.linspace(q.x[0], q.x[-1], pieces + 1) / scale
-        problem = TOPPRA(
-            constraints, _SplinePath(q, scale), gridpoints=places, solver_wrapper="seidel"
-        )
-        _, speeds, _ = problem.compute_parameterization(start_speed / scale, 0.0)
+        path = _SplinePath(q, scale)
+        problem = TOPPRA(constraints, path, gridpoints=places / scale, solver_wrapper="seidel")
+        _, speeds, _ = problem.compute_parameterization(min(start_speed / scale, 1.0), 0.0)
         if speeds is None or not np.isfinite(speeds).all():
             return None
         speeds = np.maximum(speeds, 0.0)
-        sums = speeds[1:] + speeds[:-1]
-        if (sums <= 0).any():
-            return None
-        times = start + np.concatenate(([0.0], np.cumsum(2 * np.diff(places) / sums)))
-        return LengthOverTime(times, scale * places, scale * speeds)
+        return scale * speeds if (speeds[1:] + speeds[:-1] > 0).all() else None
 
 
 def joint_motion(q: CubicSpline, gone: LengthOverTime) -> JointMotion:

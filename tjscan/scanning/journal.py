@@ -31,6 +31,8 @@ class ScanEvent(StrEnum):
     RETREAT = "retreat"
     STEP_OVER = "step over"
     STRAIGHT = "straight"
+    STEPWISE = "stepwise"
+    CLOCK = "clock"
     TACK = "tack"
     RESUMED = "resumed"
     DAMAGED = "damaged"

@@ -136,20 +136,26 @@ class Scanner:
             d_st = self._step_length(sections)
             if (stop := reason_to_stop(self._plan, sections, d_st)) is not None:
                 return self._end_scan(stop)
-            after = f"after section {len(sections) - 1}"
-            self._stop.wait_while_paused(partial(self._log.record_event, ScanEvent.PAUSED, after))
-            self._stop.raise_if_stop_now()
-            if self._stop.ends_after_section:
-                self._log.record_event(ScanEvent.STOP_REQUESTED, after)
-                return self._end_scan(StopReason.REQUESTED)
-            try:
-                self._finish_section(self._step_with_retries(d_st))
-            except errors.PoseUnreachable as error:
-                return self._end_scan(StopReason.UNREACHABLE, str(error))
-            except (errors.GrooveNotFound, errors.JointMoved) as error:
-                return self._end_scan(StopReason.LOST, str(error))
-            except errors.SetPointTooFar as error:
-                return self._end_scan(StopReason.REFUSED, str(error))
+            if (ended := self._make_step(d_st)) is not None:
+                return ended
+
+    def _make_step(self, d_st: float) -> ScanResult | None:
+        """Make a step, once the scan may go on; the scan's result if it ends instead."""
+        after = f"after section {len(self._log.sections) - 1}"
+        self._stop.wait_while_paused(partial(self._log.record_event, ScanEvent.PAUSED, after))
+        self._stop.raise_if_stop_now()
+        if self._stop.ends_after_section:
+            self._log.record_event(ScanEvent.STOP_REQUESTED, after)
+            return self._end_scan(StopReason.REQUESTED)
+        try:
+            self._finish_section(self._step_with_retries(d_st))
+        except errors.PoseUnreachable as error:
+            return self._end_scan(StopReason.UNREACHABLE, str(error))
+        except (errors.GrooveNotFound, errors.JointMoved) as error:
+            return self._end_scan(StopReason.LOST, str(error))
+        except errors.SetPointTooFar as error:
+            return self._end_scan(StopReason.REFUSED, str(error))
+        return None
 
     def _finish_section(self, section: ScannedSection) -> None:
         """Finish a section.

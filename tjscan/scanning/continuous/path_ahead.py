@@ -14,7 +14,7 @@ from tjscan.core.frames import Array, array_dataclass, inverse_pose, pose, unit_
 from tjscan.core.pose_vector import pose_from_vector, pose_to_vector
 from tjscan.robot.following import JointMotion
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.path import LARGEST_JOINT_TURN, linear_waypoints
+from tjscan.robot.path import LARGEST_JOINT_TURN, MotionLimits, linear_waypoints
 from tjscan.robot.time_optimal import LengthOverTime, PathTiming, joint_motion, path_through
 from tjscan.scanning.continuous.seam_ahead import SeamAhead
 
@@ -29,6 +29,13 @@ KNOT_SPACING: Final = 4e-3
 
 BLEND_LENGTH: Final = 40e-3
 """Metres over which a path goes over from the one before to the seam as it is seen now."""
+
+SHUTTLE_AMPLITUDE: Final = 4e-3
+"""Metres to either side that the laser goes across the groove, and half of it nearer and back."""
+
+SHUTTLE_CYCLES: Final = 2
+SHUTTLE_SPEED: Final = 0.04
+"""Metres per second: 1.5 cycles a second."""
 
 SLOPE_LENGTH: Final = 1e-3
 """Metres over which a slope is taken as a difference."""
@@ -57,6 +64,11 @@ class FollowedPath:
         return cls(still, LengthOverTime(times, np.full(2, length), np.zeros(2)))
 
     @property
+    def leads_on(self) -> bool:
+        """Whether it leads anywhere."""
+        return bool(self.gone.speeds.any())
+
+    @property
     def motion(self) -> JointMotion:
         """The same as the arm takes it."""
         return joint_motion(self.q, self.gone)
@@ -79,8 +91,10 @@ class PathAhead:
     ----------
     kinematics : Kinematics
         Of the arm, as calibrated.
-    timing : PathTiming
+    limits : MotionLimits
         How fast it may go.
+    speed : float
+        Largest speed along the groove, metres per second.
     T_f_s : ndarray, shape (4, 4)
         The sensor on the flange, metres.
     p_s_t : ndarray, shape (3,)
@@ -88,9 +102,11 @@ class PathAhead:
     """
 
     def __init__(
-        self, kinematics: Kinematics, timing: PathTiming, T_f_s: Array, p_s_t: Array
+        self, kinematics: Kinematics, limits: MotionLimits, speed: float, T_f_s: Array, p_s_t: Array
     ) -> None:
-        self._kinematics, self._timing = kinematics, timing
+        self._kinematics = kinematics
+        self._timing = PathTiming(kinematics, limits, speed)
+        self._shuttle_timing = PathTiming(kinematics, limits, SHUTTLE_SPEED)
         self._T_s_f, self._p_f_t = inverse_pose(T_f_s), (T_f_s @ np.append(p_s_t, 1.0))[:3]
 
     def groove_point(self, T_b_f: Array) -> Array:
@@ -116,7 +132,7 @@ class PathAhead:
 
     def extend(
         self, path: FollowedPath, seam: SeamAhead, seam_start: float, end: float, now: float
-    ) -> FollowedPath | None:
+    ) -> FollowedPath:
         """Lead a path over to the seam ahead.
 
         Parameters
@@ -134,8 +150,13 @@ class PathAhead:
 
         Returns
         -------
-        FollowedPath or None
-            It begins on the old one; None if none can: that leads on to its own end.
+        FollowedPath
+            It begins on the old one.
+
+        Raises
+        ------
+        PoseUnreachable
+            If it leads no further than the old one, and why.
         """
         start = now + PLANNING_TIME
         leave, speed = path.gone.at(start)
@@ -144,31 +165,60 @@ class PathAhead:
         old = self._kinematics.forward(path.q(join))
         ideal.shift_to(join, self.groove_point(old))
         end = min(end, ideal.end)
-        if end < join + 2 * KNOT_SPACING:
-            return None
+        if end < path.length - KNOT_SPACING:
+            raise PoseUnreachable("the seam is known no further than the path leads", old)
         offset = pose_to_vector(inverse_pose(ideal.at(join)) @ old)
         before = join - SLOPE_LENGTH
         was = inverse_pose(ideal.at(before)) @ self._kinematics.forward(path.q(before))
         slope = (offset - pose_to_vector(was)) / SLOPE_LENGTH if speed > 0 else 0.0 * offset
 
+        reason = "the seam is known no further"
         kept = _evenly(leave, join)[:-1] if join > leave else np.empty(0)
         lengths, angles = [*kept, join], [*path.q(kept), path.q(join)]
         for s in _evenly(join, end)[1:]:
             T_b_f = ideal.at(s) @ pose_from_vector(_blend(offset, slope, s - join))
             try:
                 q = self._kinematics.inverse(T_b_f, near=angles[-1])
-            except PoseUnreachable:
+            except PoseUnreachable as error:
+                reason = error.reason
                 break
             if np.abs(q - angles[-1]).max() > LARGEST_JOINT_TURN:
+                reason = "a joint would have to swing round"
                 break
             lengths.append(s)
             angles.append(q)
-        if lengths[-1] < join + 2 * KNOT_SPACING:
-            return None
+        if len(lengths) < len(kept) + 3:
+            ahead = f"{1e3 * (lengths[-1] - join):.0f} mm on, "
+            raise PoseUnreachable(ahead + reason, ideal.at(join))
         begin = path.q(leave, 1) if speed > 0 else None
         spline = path_through(lengths, np.array(angles), begin)
         gone = self._timing.fastest(spline, speed, start)
-        return None if gone is None else FollowedPath(spline, gone)
+        if gone is None:
+            raise PoseUnreachable("the arm can't stop any more before it ends", ideal.at(end))
+        return FollowedPath(spline, gone)
+
+    def shuttle(self, q: Array, time: float) -> FollowedPath:
+        """A path from rest to and fro across the groove, in the laser plane, and back.
+
+        Raises
+        ------
+        PoseUnreachable
+            If it leaves reach or limits.
+        """
+        T_b_f = self._kinematics.forward(q)
+        phase = np.linspace(0.0, 2 * np.pi * SHUTTLE_CYCLES, 1 + 24 * SHUTTLE_CYCLES)
+        across = np.column_stack((np.sin(phase), 0.0 * phase, 0.5 * (np.cos(phase) - 1.0)))
+        moves_s = SHUTTLE_AMPLITUDE * across
+        moves_b = moves_s @ (T_b_f[:3, :3] @ self._T_s_f[:3, :3].T).T
+        angles = [q]
+        for move in moves_b[1:]:
+            angles.append(self._kinematics.inverse(pose(p=move) @ T_b_f, near=angles[-1]))
+        lengths = np.append(0.0, np.linalg.norm(np.diff(moves_s, axis=0), axis=1).cumsum())
+        path = path_through(lengths, np.array(angles), None)
+        gone = self._shuttle_timing.fastest(path, 0.0, time + PLANNING_TIME)
+        if gone is None:
+            raise PoseUnreachable("no motion within the arm's limits goes there", T_b_f)
+        return FollowedPath(path, gone)
 
 
 class _SeamPoses:

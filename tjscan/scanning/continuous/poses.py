@@ -12,8 +12,8 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 
-REMEMBERED_STATES: Final = 500
-"""States that are kept: four seconds at 125 a second."""
+REMEMBERED_STATES: Final = 1000
+"""States that are kept: eight seconds at 125 a second."""
 
 NEIGHBOURS: Final = 4
 """States through which joint angles are interpolated, by a cubic."""
@@ -36,9 +36,19 @@ class ActualPoses:
         """Take further states, in order."""
         self._states.extend(states)
 
+    @property
+    def first(self) -> float:
+        """Time of the first state that is kept, seconds on the arm's clock."""
+        return self._states[0].time
+
+    @property
+    def latest(self) -> float:
+        """Time of the latest state."""
+        return self._states[-1].time
+
     def cover(self, time: float) -> bool:
-        """Whether there are states before and after a time, in seconds on the arm's clock."""
-        return bool(self._states) and time <= self._states[-1].time
+        """Whether there is a state at a time or after it, in seconds on the arm's clock."""
+        return bool(self._states) and time <= self.latest
 
     def at(self, time: float) -> ArmState:
         """State at a time that is covered: joint angles by a cubic through the states about it."""

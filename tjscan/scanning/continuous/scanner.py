@@ -2,54 +2,62 @@
 
 from __future__ import annotations
 
-from collections import deque
-from functools import partial
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from tjscan.core import errors
 from tjscan.core.frames import Array, unit_vector
+from tjscan.groove.section import GrooveSection
 from tjscan.laser.line_laser import StreamingLaser
-from tjscan.laser.profile import Profile
+from tjscan.laser.profile import Profile, ProfileRepeats
 from tjscan.recording.journal import Journal
+from tjscan.robot.arm import ArmState
 from tjscan.robot.following import Following, start_following
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
-from tjscan.robot.time_optimal import PathTiming
-from tjscan.scanning import retries, sections_before
+from tjscan.scanning import sections_before
+from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_offset
 from tjscan.scanning.continuous.fusing import ProfileFuser
 from tjscan.scanning.continuous.path_ahead import FollowedPath, PathAhead
 from tjscan.scanning.continuous.poses import ActualPoses
 from tjscan.scanning.continuous.seam_ahead import (
     PLANNING_SPACING,
-    SeamAhead,
     planning_sections,
     predict_seam,
+    seam_direction,
 )
-from tjscan.scanning.journal import ScanEvent, ScanResult, StopReason, groove_length
+from tjscan.scanning.continuous.stream import PlacedProfiles
+from tjscan.scanning.journal import (
+    ScanEvent,
+    ScanResult,
+    StopReason,
+    groove_length,
+    reason_to_stop,
+)
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ProfileView, ScannedSection, Sections, StepRequest, Substep
+from tjscan.scanning.section import ProfileView, Sections, StepRequest, Substep
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
-
-PROFILE_PERIOD: Final = 0.005
-"""Seconds from profile to profile."""
 
 SETTLING_TIME: Final = 0.3
 """Seconds after the end of a path in which the arm, which lags behind, comes to rest."""
 
 FEWEST_SECTIONS_TO_PLAN: Final = 3
-"""Sections to which a seam is fitted before the path is led on along it."""
+"""Sections, `PLANNING_SPACING` apart, to which a seam is fitted before the path is led along it."""
+
+FEWEST_SHUTTLE_SECTIONS: Final = 30
+"""Sections read in a shuttle from which the laser's clock is laid on the arm's."""
 
 
 class ContinuousScanner(Scanner):
     """A scan that does not stop, along a path that grows ahead of what was measured.
 
-    Where the groove is lost, the arm comes to rest on the path that was checked, and steps on as
-    the stepwise scan does until the groove is read again.
+    Where the groove is lost, the arm comes to rest on the path that was checked, and makes a step
+    as the stepwise scan does; from there it follows the groove again.
 
     Parameters
     ----------
@@ -88,137 +96,182 @@ class ContinuousScanner(Scanner):
         )
         if not isinstance(setup.laser, StreamingLaser):
             raise errors.ConfigurationError(
-                "this laser's driver takes profiles one by one and does not say when: scan "
-                "stepwise",
+                "this laser's driver takes profiles one by one, and does not say when in a stream "
+                'of them: set mode = "stepwise"',
                 key="scan.mode",
             )
-        self._laser = setup.laser
         p_s_t = np.array((plan.offset, 0.0, plan.standoff))
-        timing = PathTiming(kinematics, limits, plan.speed)
-        self._planner = PathAhead(kinematics, timing, setup.T_f_s, p_s_t)
-        self._poses = ActualPoses(kinematics)
+        self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
+        self._poses, self._clock = ActualPoses(kinematics), LaserClock()
+        self._stream = PlacedProfiles(setup.laser, self._poses, ProfileRepeats())
         self._fuser = ProfileFuser(plan.section_spacing, p_s_t)
         self._along_b = np.zeros(3)
-        self._section_lengths: list[float] = []
-        self._start_length = 0.0
+        # Lengths along the groove: of the last section, of the one that a path was planned from
+        # last, and of the second taught pose.
+        self._length = self._planned_length = self._second_length = 0.0
+        self._why_not_on = ""
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
         """Scan from two taught flange poses. See `Scanner.run`."""
         state = self._taker.move_joint_to_pose(T_b_f_first)
         self._scan_taught("first", state)
+        self._lay_clock(state)
+        state = self._setup.arm.state()
         path = self._planner.straight(state.q, T_b_f_second, state.time)
         ahead = self._planner.groove_point(T_b_f_second) - self._planner.groove_point(state.T_b_f)
-        self._along_b, self._start_length = unit_vector(ahead), path.length
-        self._section_lengths = [0.0]
+        self._along_b, self._second_length = unit_vector(ahead), path.length
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, 0.0)
         return self._scan_on(path)
 
     def _scan_until_done(self) -> ScanResult:
-        """Go on from where the arm stands."""
-        state = self._setup.arm.state()
-        length = groove_length(self._log.sections)
-        self._section_lengths = np.concatenate(
-            ([0.0], np.cumsum(_chords(self._log.sections)))
-        ).tolist()
-        self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, length)
-        return self._scan_on(FollowedPath.standing(state.q, length, state.time))
+        """Go on from where the arm stands, at the last section of a scan that was interrupted."""
+        sections = self._log.sections
+        self._lay_clock(self._setup.arm.state())
+        self._second_length = groove_length(_taught(sections))
+        return self._scan_on(self._standing(groove_length(sections)))
 
     def _scan_on(self, path: FollowedPath) -> ScanResult:
-        """Follow, and step where that fails, until the plan is fulfilled or nothing leads on."""
+        """Follow, and make a step where nothing leads on, until the plan is fulfilled."""
         while True:
-            path = self._follow(path)
+            self._follow(path)
             if (stop := self._reason_to_stop()) is not None:
                 return self._end_scan(stop)
-            raise NotImplementedError
+            if not self._stop.asks_for_rest:
+                why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
+                self._log.record_event(ScanEvent.STEPWISE, why)
+            if (ended := self._make_step(self._plan.step)) is not None:
+                return ended
+            last, before = self._log.sections[-1], self._log.sections[-2]
+            gone = float(np.linalg.norm(last.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
+            path = self._standing(self._length + gone)
 
-    def _follow(self, path: FollowedPath) -> FollowedPath:
-        """Follow a path, extending it, until it ends; gives the last one."""
-        pending: deque[Profile] = deque()
+    def _standing(self, length: float) -> FollowedPath:
+        """No path yet, from the section before which the arm stands."""
+        state, sections = self._setup.arm.state(), planning_sections(self._log.sections)
+        self._length, self._planned_length = length, -np.inf
+        self._along_b = seam_direction(sections)
+        self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, length)
+        return FollowedPath.standing(state.q, length, state.time)
+
+    def _follow(self, path: FollowedPath) -> None:
+        """Follow a path, leading it on along the groove, until the arm rests at its end."""
         with start_following(self._setup.arm) as following:
-            if path.end > path.gone.times[0] and path.gone.speeds.any():
+            if path.leads_on:
                 following.replace(path.motion)
-            for profile in self._laser.stream(PROFILE_PERIOD):
+            for placed in self._stream.placed(following, self._clock):
                 self._stop.raise_if_stop_now()
-                states = following.states()
-                self._poses.add(states)
-                pending.append(profile)
-                while pending and self._poses.cover(pending[0].time):
-                    now = pending[0].time
-                    if self._take(pending.popleft()):
-                        path = self._lead_on(following, path, now)
-                if profile.time > path.end + SETTLING_TIME:
-                    return path
-        raise AssertionError  # a stream has no end
+                for state, profile in placed:
+                    self._take(state, profile)
+                if self._length >= self._planned_length + PLANNING_SPACING:
+                    self._planned_length = self._length
+                    path = self._lead_on(following, path)
+                if self._poses.latest > path.end + SETTLING_TIME:
+                    return
 
-    def _take(self, profile: Profile) -> bool:
-        """Record a profile, read what it makes whole; whether there are sections to plan with."""
-        state = self._poses.at(profile.time)
-        T_b_s = state.T_b_f @ self._setup.T_f_s
-        index = len(self._log.sections)
-        view = ProfileView(
-            index, Substep.PASSING, state.T_b_f, T_b_s, profile, state.time, state.q
-        )
+    def _take(self, state: ArmState, profile: Profile) -> None:
+        """Record a profile that was taken in passing, and read the sections it completes."""
+        index, T_b_s = len(self._log.sections), state.T_b_f @ self._setup.T_f_s
+        passing = Substep.PASSING
+        view = ProfileView(index, passing, state.T_b_f, T_b_s, profile, state.time, state.q)
         self._log.record(view)
-        found = False
         for length, fused in self._fuser.add(view, self._along_b):
-            found |= self._read(length, fused)
-        return found
+            if length > self._end_length:
+                return
+            try:
+                self._read(length, replace(fused, index=len(self._log.sections)))
+            except errors.GrooveNotFound as error:
+                self._why_not_on = str(error)
 
-    def _read(self, length: float, view: ProfileView) -> bool:
-        """Read a section; whether one was found."""
-        view = ProfileView(
-            len(self._log.sections), view.substep, view.T_b_f, view.T_b_s, view.profile, view.time,
-            view.q,
-        )
-        before = planning_sections(self._log.sections)
-        try:
-            section = sections_before.read_section(
-                self._setup.read,
-                view,
-                lambda groove: self._plan.target_pose_in_sensor(groove.work_angle),
-                before,
-            )
-            sections_before.check_section_orientation(section.groove)
-        except errors.GrooveNotFound:
-            return False
+    def _read(self, length: float, view: ProfileView) -> None:
+        """Read a section in the profiles about a place.
+
+        Raises
+        ------
+        GrooveNotFound
+            If no groove is read, or another one than was expected.
+        """
+
+        def wanted(groove: GrooveSection) -> Array:
+            return self._plan.target_pose_in_sensor(groove.work_angle)
+
         self._log.record(view)
+        before = planning_sections(self._log.sections)
+        section = sections_before.read_section(self._setup.read, view, wanted, before)
+        sections_before.check_section_orientation(section.groove)
+        if len(before) > 1:
+            last = before[-2]
+            gone = float((section.T_b_g[:3, 3] - last.T_b_g[:3, 3]) @ self._along_b)
+            step = max(gone, PLANNING_SPACING)
+            ahead = StepRequest(last, last.T_b_g[:3, 3] + step * self._along_b, step)
+            sections_before.check_section_one_step_ahead(section, ahead)
+            sections_before.check_measures_plausible(section, ahead)
         self._finish_section(section)
-        self._section_lengths.append(length)
-        return True
+        self._length = length
 
-    def _lead_on(self, following: Following, path: FollowedPath, now: float) -> FollowedPath:
-        """Lead the path on along the seam that the sections show."""
+    def _lead_on(self, following: Following, path: FollowedPath) -> FollowedPath:
+        """Lead the path on along the seam that the sections show, if it can be."""
         sections = planning_sections(self._log.sections)
-        if len(sections) < FEWEST_SECTIONS_TO_PLAN:
+        end = self._end_length + self._plan.section_spacing
+        if len(sections) < FEWEST_SECTIONS_TO_PLAN or self._stop.asks_for_rest:
             return path
         try:
             seam = predict_seam(sections, self._plan, self._plan.horizon)
-        except errors.TubesNotFound:
-            return path
-        start = self._section_lengths[-1]
-        self._along_b = seam.T_b_t[0, :3, 0]
-        end = np.inf
-        if self._plan.length is not None:
-            end = self._start_length + self._plan.length + self._plan.section_spacing
-        if path.length > end - 1e-4:
-            return path
-        new = self._planner.extend(path, seam, start, end, now)
-        if new is None:
-            return path
-        try:
+            self._along_b = seam.T_b_t[0, :3, 0]
+            new = self._planner.extend(path, seam, self._length, end, self._poses.latest)
             following.replace(new.motion)
-        except (errors.PoseUnreachable, errors.ArmFault):
+        except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathTooLate) as error:
+            self._why_not_on = str(error)
             return path
         return new
 
+    @property
+    def _end_length(self) -> float:
+        """Length along the groove at which the last section is wanted; infinite without."""
+        length = self._plan.length
+        return np.inf if length is None else self._second_length + length
+
     def _reason_to_stop(self) -> StopReason | None:
-        if self._plan.length is not None:
-            left = self._start_length + self._plan.length - self._section_lengths[-1]
-            if left < self._plan.section_spacing:
-                return StopReason.LENGTH
-        return None
+        """Reason why the scan is done, see `reason_to_stop`."""
+        if self._length > self._end_length - self._plan.section_spacing:
+            return StopReason.LENGTH
+        whole = replace(self._plan, length=None)
+        return reason_to_stop(whole, self._log.sections, self._plan.section_spacing)
+
+    def _lay_clock(self, state: ArmState) -> None:
+        """Move the laser to and fro across the groove, and lay its clock on the arm's.
+
+        Raises
+        ------
+        LaserFault
+            If the groove is not seen, or no offset lets it stand still.
+        """
+        seen, path = [], self._planner.shuttle(state.q, state.time)
+        with start_following(self._setup.arm) as following:
+            following.replace(path.motion)
+            for profile in self._stream.profiles(following):
+                self._stop.raise_if_stop_now()
+                if profile is not None:
+                    try:
+                        seen.append((profile.time, self._setup.read(profile, prior=None)))
+                    except errors.GrooveNotFound as error:
+                        self._why_not_on = str(error)
+                if self._poses.latest > path.end + SETTLING_TIME:
+                    break
+        if len(seen) < FEWEST_SHUTTLE_SECTIONS:
+            raise errors.LaserFault(
+                f"the groove was read in {len(seen)} profiles while the laser went to and fro "
+                f"across it, {FEWEST_SHUTTLE_SECTIONS} are needed to find the offset of its "
+                f"clock: {self._why_not_on}"
+            )
+        offset, sigma = clock_offset(ShuttleViews.of_sections(seen), self._poses, self._setup.T_f_s)
+        self._clock = LaserClock(offset, sigma, since=seen[len(seen) // 2][0])
+        self._log.record_event(
+            ScanEvent.CLOCK,
+            f"the arm's clock is {1e3 * offset:.2f} ± {1e3 * sigma:.2f} ms ahead of the laser's, "
+            f"from {len(seen)} profiles of a shuttle across the groove",
+        )
 
 
-def _chords(sections: Sections) -> Array:
-    origins = np.array([section.T_b_g[:3, 3] for section in sections])
-    return np.linalg.norm(np.diff(origins, axis=0), axis=1)
+def _taught(sections: Sections) -> Sections:
+    """The sections up to the second taught pose."""
+    return sections[:1]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, array_dataclass
+from tjscan.core.frames import Array, array_dataclass, unit_vector
 from tjscan.scanning import seam_fit
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ScannedSection, Sections
@@ -120,3 +120,9 @@ def _frames_along(origins: Array, walls: Array, angles: Array, plan: ScanPlan) -
     )
     T_s_t = np.array([plan.target_pose_in_sensor(float(angle)) for angle in angles])
     return SeamAhead(lengths, T_b_t, T_b_t @ np.linalg.inv(T_s_t))
+
+
+def seam_direction(sections: Sections) -> Array:
+    """Direction of the groove at the last of two or more sections, unit vector."""
+    last, before = (section.T_b_g[:3, 3] for section in (sections[-1], sections[-2]))
+    return unit_vector(last - before)
