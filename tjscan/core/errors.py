@@ -308,8 +308,14 @@ class GrooveNotFound(TjscanError):
         super().__init__(f"no groove found ({reason}): {detail}")
 
 
-class PathTooLate(ArmFault):
-    """A path to follow can't replace the one before any more: that is followed to its end."""
+class PathNotExtended(TjscanError):
+    """A path that an arm follows can't be led on: what it was given before is followed to its end.
+
+    Parameters
+    ----------
+    why : str
+        The reason, with numbers.
+    """
 
 
 class SetPointTooFar(TjscanError):

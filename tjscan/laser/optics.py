@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import sleep
 from typing import Final
 
@@ -275,9 +275,14 @@ class SimulatedLaser(LocalDevice):
 
     def stream(self, period: float) -> Iterator[Profile]:
         """Take profiles as the arm moves. See `StreamingLaser.stream`."""
+        model, waited = self.model, 0.0
         while True:
-            self._pass_time(period)
-            yield self.capture()
+            self._pass_time(max(period - waited, 0.0))
+            profile = self.capture()
+            waited = max(model.delay + model.delay_jitter * self._rng.standard_normal(), 0.0)
+            self._pass_time(waited)
+            stamp = (profile.time + model.clock_offset) * (1.0 + model.clock_drift)
+            yield replace(profile, time=stamp)
 
     def capture_with_origins(self) -> SimulatedProfile:
         """Take one profile with the origin of each point; raises as `capture` does."""

@@ -13,7 +13,7 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from tjscan.core.errors import ConfigurationError, PathTooLate
+from tjscan.core.errors import ConfigurationError, PathNotExtended
 from tjscan.core.frames import Array, array_dataclass
 from tjscan.robot.arm import Arm, ArmState
 
@@ -87,19 +87,19 @@ class JointMotion:
 
         Raises
         ------
-        PathTooLate
+        PathNotExtended
             If it begins too early, or elsewhere, or with another speed: nothing is replaced.
         """
         start = float(later.times[0])
         if start < now + GUARD_TIME:
-            raise PathTooLate(
+            raise PathNotExtended(
                 f"a path to follow came {1e3 * (now + GUARD_TIME - start):.0f} ms too late to "
                 "replace the one before, which is followed to its end"
             )
         q, speed = self.at(start)
         gap, jump = np.abs(later.q[0] - q).max(), np.abs(later.speed[0] - speed).max()
         if gap > LARGEST_JOINING_GAP or jump > 10 * LARGEST_JOINING_GAP:
-            raise PathTooLate(
+            raise PathNotExtended(
                 f"a path to follow begins {np.degrees(gap):.3f} deg and {np.degrees(jump):.2f} "
                 "deg/s beside the one before, which is followed to its end"
             )
@@ -123,7 +123,7 @@ class Following(Protocol):
         ------
         PoseUnreachable
             If it does not keep clear: the motion before is followed to its end.
-        PathTooLate
+        PathNotExtended
             If it comes too late or does not join the motion before, likewise.
         ArmFault
             If the arm stopped.

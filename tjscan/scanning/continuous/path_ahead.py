@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from tjscan.core.errors import PoseUnreachable
+from tjscan.core.errors import PathNotExtended, PoseUnreachable
 from tjscan.core.frames import Array, array_dataclass, inverse_pose, pose, unit_vector
 from tjscan.core.pose_vector import pose_from_vector, pose_to_vector
 from tjscan.robot.following import JointMotion
@@ -155,8 +155,8 @@ class PathAhead:
 
         Raises
         ------
-        PoseUnreachable
-            If it leads no further than the old one, and why.
+        PathNotExtended
+            If none leads further than the old one, and why.
         """
         start = now + PLANNING_TIME
         leave, speed = path.gone.at(start)
@@ -166,7 +166,7 @@ class PathAhead:
         ideal.shift_to(join, self.groove_point(old))
         end = min(end, ideal.end)
         if end < path.length - KNOT_SPACING:
-            raise PoseUnreachable("the seam is known no further than the path leads", old)
+            raise PathNotExtended("the seam is known no further than the path leads")
         offset = pose_to_vector(inverse_pose(ideal.at(join)) @ old)
         before = join - SLOPE_LENGTH
         was = inverse_pose(ideal.at(before)) @ self._kinematics.forward(path.q(before))
@@ -188,13 +188,12 @@ class PathAhead:
             lengths.append(s)
             angles.append(q)
         if len(lengths) < len(kept) + 3:
-            ahead = f"{1e3 * (lengths[-1] - join):.0f} mm on, "
-            raise PoseUnreachable(ahead + reason, ideal.at(join))
+            raise PathNotExtended(f"the path ends {1e3 * (lengths[-1] - leave):.0f} mm on: {reason}")
         begin = path.q(leave, 1) if speed > 0 else None
         spline = path_through(lengths, np.array(angles), begin)
         gone = self._timing.fastest(spline, speed, start)
         if gone is None:
-            raise PoseUnreachable("the arm can't stop any more before it ends", ideal.at(end))
+            raise PathNotExtended("the arm can't stop any more before the new path ends")
         return FollowedPath(spline, gone)
 
     def shuttle(self, q: Array, time: float) -> FollowedPath:

@@ -219,7 +219,7 @@ class ContinuousScanner(Scanner):
             self._along_b = seam.T_b_t[0, :3, 0]
             new = self._planner.extend(path, seam, self._length, end, self._poses.latest)
             following.replace(new.motion)
-        except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathTooLate) as error:
+        except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathNotExtended) as error:
             self._why_not_on = str(error)
             return path
         return new
