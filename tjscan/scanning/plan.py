@@ -264,6 +264,11 @@ class ScanPlan(units.SettingsTable):
     second: units.PoseSettings | None = None
 
     @property
+    def spacing(self) -> float:
+        """Distance from section to section that is asked for, metres."""
+        return self.step if self.mode == "stepwise" else self.section_spacing
+
+    @property
     def correction_criterion(self) -> CorrectionCriterion | None:
         """Criterion for skipping corrections; None if each is made, as in the paper."""
         enabled = self.criterion.enabled

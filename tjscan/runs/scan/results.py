@@ -165,7 +165,7 @@ def summarise_scan(
         detail=result.detail,
         frame=frame.letter,
         groove_length_mm=1e3 * journal.groove_length(result.sections),
-        step_mm=StepStatistics.from_steps(1e3 * plan.step, steps),
+        step_mm=StepStatistics.from_steps(1e3 * plan.spacing, steps),
         flange_travel_mm=travel,
         flange_rotation_deg=rotation,
         motion_time_s=views[-1].time - views[0].time,

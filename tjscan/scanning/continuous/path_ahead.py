@@ -188,7 +188,8 @@ class PathAhead:
             lengths.append(s)
             angles.append(q)
         if len(lengths) < len(kept) + 3:
-            raise PathNotExtended(f"the path ends {1e3 * (lengths[-1] - leave):.0f} mm on: {reason}")
+            gone = 1e3 * (lengths[-1] - leave)
+            raise PathNotExtended(f"the path ends {gone:.0f} mm on: {reason}")
         begin = path.q(leave, 1) if speed > 0 else None
         spline = path_through(lengths, np.array(angles), begin)
         gone = self._timing.fastest(spline, speed, start)
@@ -256,6 +257,4 @@ def _evenly(start: float, end: float) -> Array:
 def _blend(offset: Array, slope: Array, gone: float) -> Array:
     """What is left of an offset with a slope: a cubic that ends flat at zero."""
     u = min(gone / BLEND_LENGTH, 1.0)
-    return np.asarray(
-        (1 + 2 * u) * (1 - u) ** 2 * offset + u * (1 - u) ** 2 * BLEND_LENGTH * slope
-    )
+    return np.asarray((1 + 2 * u) * (1 - u) ** 2 * offset + u * (1 - u) ** 2 * BLEND_LENGTH * slope)
