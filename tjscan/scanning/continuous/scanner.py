@@ -72,6 +72,8 @@ class ContinuousScanner(Scanner):
         Of the arm, as calibrated.
     limits : MotionLimits
         How fast the arm may go.
+    T_b_f_second : ndarray, shape (4, 4)
+        The second taught pose, from which the plan's length counts, metres.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
 
@@ -88,6 +90,7 @@ class ContinuousScanner(Scanner):
         journal: Journal,
         kinematics: Kinematics,
         limits: MotionLimits,
+        T_b_f_second: Array,
         stop: StopRequest | None = None,
     ) -> None:
         predict = tube_fit_predictor(plan)
@@ -102,6 +105,7 @@ class ContinuousScanner(Scanner):
             )
         p_s_t = np.array((plan.offset, 0.0, plan.standoff))
         self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
+        self._second_point = self._planner.groove_point(T_b_f_second)
         self._poses, self._clock = ActualPoses(kinematics), LaserClock()
         self._stream = PlacedProfiles(setup.laser, self._poses, ProfileRepeats())
         self._fuser = ProfileFuser(plan.section_spacing, p_s_t)
@@ -118,7 +122,7 @@ class ContinuousScanner(Scanner):
         self._lay_clock(state)
         state = self._setup.arm.state()
         path = self._planner.straight(state.q, T_b_f_second, state.time)
-        ahead = self._planner.groove_point(T_b_f_second) - self._planner.groove_point(state.T_b_f)
+        ahead = self._second_point - self._planner.groove_point(state.T_b_f)
         self._along_b, self._second_length = unit_vector(ahead), path.length
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, 0.0)
         return self._scan_on(path)
@@ -127,23 +131,40 @@ class ContinuousScanner(Scanner):
         """Go on from where the arm stands, at the last section of a scan that was interrupted."""
         sections = self._log.sections
         self._lay_clock(self._setup.arm.state())
-        self._second_length = groove_length(_taught(sections))
+        origins = np.array([section.T_b_g[:3, 3] for section in sections])
+        from_second = np.linalg.norm(origins - self._second_point, axis=1)
+        self._second_length = groove_length(sections[: 1 + int(from_second.argmin())])
         return self._scan_on(self._standing(groove_length(sections)))
 
     def _scan_on(self, path: FollowedPath) -> ScanResult:
-        """Follow, and make a step where nothing leads on, until the plan is fulfilled."""
+        """Follow until the plan is fulfilled; where the arm rests before, from the last section.
+
+        Where that led no further than before, a step is made as the stepwise scan makes it.
+        """
+        reached = self._length
         while True:
             self._follow(path)
             if (stop := self._reason_to_stop()) is not None:
                 return self._end_scan(stop)
-            if not self._stop.asks_for_rest:
-                why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
-                self._log.record_event(ScanEvent.STEPWISE, why)
-            if (ended := self._make_step(self._plan.step)) is not None:
+            if (ended := self._wait_for_permission()) is not None:
                 return ended
-            last, before = self._log.sections[-1], self._log.sections[-2]
-            gone = float(np.linalg.norm(last.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
-            path = self._standing(self._length + gone)
+            why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
+            sections = self._log.sections
+            if len(planning_sections(sections)) == 1:  # the arm rests at the second taught pose
+                self._scan_taught("second", self._setup.arm.state())
+                length = self._second_length
+            elif self._length > reached:
+                self._log.record_event(ScanEvent.RETREAT, why)
+                last = sections[-1].view
+                self._taker.move_joint_to_pose(last.T_b_f, near=last.q)
+                length = self._length
+            else:
+                self._log.record_event(ScanEvent.STEPWISE, why)
+                if (ended := self._make_step(self._plan.step)) is not None:
+                    return ended
+                length = self._length + float(_chords(sections[-2:])[0])
+            path = self._standing(length)
+            reached = length
 
     def _standing(self, length: float) -> FollowedPath:
         """No path yet, from the section before which the arm stands."""
@@ -162,10 +183,13 @@ class ContinuousScanner(Scanner):
                 self._stop.raise_if_stop_now()
                 for state, profile in placed:
                     self._take(state, profile)
-                if self._length >= self._planned_length + PLANNING_SPACING:
+                if self._stop.asks_for_rest:
+                    path = self._lead_to_rest(following, path)
+                elif self._length >= self._planned_length + PLANNING_SPACING:
                     self._planned_length = self._length
                     path = self._lead_on(following, path)
-                if self._poses.latest > path.end + SETTLING_TIME:
+                # A laser that is silent is waited for.
+                if placed and placed[-1][0].time > path.end + SETTLING_TIME:
                     return
 
     def _take(self, state: ArmState, profile: Profile) -> None:
@@ -212,7 +236,7 @@ class ContinuousScanner(Scanner):
         """Lead the path on along the seam that the sections show, if it can be."""
         sections = planning_sections(self._log.sections)
         end = self._end_length + self._plan.section_spacing
-        if len(sections) < FEWEST_SECTIONS_TO_PLAN or self._stop.asks_for_rest:
+        if len(sections) < FEWEST_SECTIONS_TO_PLAN:
             return path
         try:
             seam = predict_seam(sections, self._plan, self._plan.horizon)
@@ -223,6 +247,19 @@ class ContinuousScanner(Scanner):
             self._why_not_on = str(error)
             return path
         return new
+
+    def _lead_to_rest(self, following: Following, path: FollowedPath) -> FollowedPath:
+        """Let the path end as soon as the arm can rest on it."""
+        try:
+            new = self._planner.shorten(path, self._poses.latest)
+            following.replace(new.motion)
+        except (errors.PoseUnreachable, errors.PathNotExtended):
+            return path
+        return new
+
+    @property
+    def _length_gone(self) -> float:
+        return self._length - self._second_length
 
     @property
     def _end_length(self) -> float:
@@ -272,6 +309,7 @@ class ContinuousScanner(Scanner):
         )
 
 
-def _taught(sections: Sections) -> Sections:
-    """The sections up to the second taught pose."""
-    return sections[:1]
+def _chords(sections: Sections) -> Array:
+    """Distances from section to section, metres, one fewer than these."""
+    origins = np.array([section.T_b_g[:3, 3] for section in sections])
+    return np.asarray(np.linalg.norm(np.diff(origins, axis=0), axis=1))
