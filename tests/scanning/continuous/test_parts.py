@@ -17,8 +17,9 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_offset
 from tjscan.scanning.continuous.fusing import ProfileFuser, fuse_profiles
 from tjscan.scanning.continuous.poses import ActualPoses
-from tjscan.scanning.continuous.seam_ahead import planning_sections, predict_seam
+from tjscan.scanning.continuous.seam_ahead import predict_seam
 from tjscan.scanning.section import ProfileView, Substep
+from tjscan.scanning.sections_before import planning_sections
 from tjscan.scanning.target import ScanDirection
 
 HOME = np.radians([-110.0, -95.0, 160.0, 105.0, -110.0, 0.0])

@@ -22,12 +22,7 @@ from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_of
 from tjscan.scanning.continuous.fusing import ProfileFuser
 from tjscan.scanning.continuous.path_ahead import FollowedPath, PathAhead
 from tjscan.scanning.continuous.poses import ActualPoses
-from tjscan.scanning.continuous.seam_ahead import (
-    PLANNING_SPACING,
-    planning_sections,
-    predict_seam,
-    seam_direction,
-)
+from tjscan.scanning.continuous.seam_ahead import predict_seam, seam_direction
 from tjscan.scanning.continuous.stream import PlacedProfiles
 from tjscan.scanning.journal import (
     ScanEvent,
@@ -40,6 +35,7 @@ from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView, Sections, StepRequest, Substep
+from tjscan.scanning.sections_before import PLANNING_SPACING, planning_sections
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
 
@@ -113,6 +109,7 @@ class ContinuousScanner(Scanner):
         # Lengths along the groove: of the last section, of the one that a path was planned from
         # last, and of the second taught pose.
         self._length = self._planned_length = self._second_length = 0.0
+        self._passed_second = False
         self._why_not_on = ""
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
@@ -194,10 +191,7 @@ class ContinuousScanner(Scanner):
 
     def _take(self, state: ArmState, profile: Profile) -> None:
         """Record a profile that was taken in passing, and read the sections it completes."""
-        index, T_b_s = len(self._log.sections), state.T_b_f @ self._setup.T_f_s
-        passing = Substep.PASSING
-        view = ProfileView(index, passing, state.T_b_f, T_b_s, profile, state.time, state.q)
-        self._log.record(view)
+        view = self._record_view(state, profile)
         for length, fused in self._fuser.add(view, self._along_b):
             if length > self._end_length:
                 return
@@ -205,6 +199,20 @@ class ContinuousScanner(Scanner):
                 self._read(length, replace(fused, index=len(self._log.sections)))
             except errors.GrooveNotFound as error:
                 self._why_not_on = str(error)
+
+    def _record_view(self, state: ArmState, profile: Profile) -> ProfileView:
+        """Record a profile taken in passing, its time on the arm's clock.
+
+        The one with which the second taught pose is passed counts as taught.
+        """
+        past = self._fuser.gone >= self._second_length > 0
+        substep = Substep.TAUGHT if past and not self._passed_second else Substep.PASSING
+        self._passed_second |= past
+        profile = replace(profile, time=state.time, time_uncertainty=self._clock.sigma)
+        T_b_s, index = state.T_b_f @ self._setup.T_f_s, len(self._log.sections)
+        view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
+        self._log.record(view)
+        return view
 
     def _read(self, length: float, view: ProfileView) -> None:
         """Read a section in the profiles about a place.
@@ -219,10 +227,10 @@ class ContinuousScanner(Scanner):
             return self._plan.target_pose_in_sensor(groove.work_angle)
 
         self._log.record(view)
-        before = planning_sections(self._log.sections)
-        section = sections_before.read_section(self._setup.read, view, wanted, before)
+        finished = self._log.sections
+        section = sections_before.read_section(self._setup.read, view, wanted, finished)
         sections_before.check_section_orientation(section.groove)
-        if len(before) > 1:
+        if len(before := planning_sections(finished)) > 1:
             last = before[-2]
             gone = float((section.T_b_g[:3, 3] - last.T_b_g[:3, 3]) @ self._along_b)
             step = max(gone, PLANNING_SPACING)
@@ -282,12 +290,14 @@ class ContinuousScanner(Scanner):
         LaserFault
             If the groove is not seen, or no offset lets it stand still.
         """
-        seen, path = [], self._planner.shuttle(state.q, state.time)
+        profiles, seen = [], []
+        path = self._planner.shuttle(state.q, state.time)
         with start_following(self._setup.arm) as following:
             following.replace(path.motion)
             for profile in self._stream.profiles(following):
                 self._stop.raise_if_stop_now()
                 if profile is not None:
+                    profiles.append(profile)
                     try:
                         seen.append((profile.time, self._setup.read(profile, prior=None)))
                     except errors.GrooveNotFound as error:
@@ -302,6 +312,9 @@ class ContinuousScanner(Scanner):
             )
         offset, sigma = clock_offset(ShuttleViews.of_sections(seen), self._poses, self._setup.T_f_s)
         self._clock = LaserClock(offset, sigma, since=seen[len(seen) // 2][0])
+        for profile in profiles:
+            if self._poses.cover(time := self._clock.arm_time(profile.time)):
+                self._record_view(self._poses.at(time), profile)
         self._log.record_event(
             ScanEvent.CLOCK,
             f"the arm's clock is {1e3 * offset:.2f} ± {1e3 * sigma:.2f} ms ahead of the laser's, "
