@@ -12,8 +12,8 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 
-REMEMBERED_STATES: Final = 1000
-"""States that are kept: eight seconds at 125 a second."""
+REMEMBERED_STATES: Final = 4000
+"""States that are kept: eight seconds at 500 a second."""
 
 NEIGHBOURS: Final = 4
 """States through which joint angles are interpolated, by a cubic."""
@@ -40,6 +40,11 @@ class ActualPoses:
     def first(self) -> float:
         """Time of the first state that is kept, seconds on the arm's clock."""
         return self._states[0].time
+
+    @property
+    def period(self) -> float:
+        """Seconds from state to state."""
+        return (self.latest - self.first) / max(len(self._states) - 1, 1)
 
     @property
     def latest(self) -> float:
