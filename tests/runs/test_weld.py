@@ -248,7 +248,6 @@ def test_looks_find_what_goes_otherwise_than_set(welded: Path) -> None:
     looks = [one for one in read_recorded_weld(welded).looks if isinstance(one, LookMessage)]
     assert looks[0].beads == 0
     assert looks[-1].beads == len(read_recorded_weld(welded).beads)
-    assert looks[-1].offset == pytest.approx(0.5e-3, abs=0.3e-3)
     assert looks[-1].shrinkage == pytest.approx(1.2, abs=0.12)
 
 
@@ -284,6 +283,9 @@ def test_beads_on_a_horizontal_leg_are_held_and_stacked_from_it_up(welded: Path)
     order, planner = weld.order, weld.planner
     beads = read_recorded_weld(welded).beads
     assert planner is not None
+    # Gravity that pulls all of a few beads aside is hardly told from the wire's offset.
+    offset = planner.learner.offset
+    assert abs(offset.value - 0.5e-3) < 2 * offset.sigma < 0.7e-3
     width = planner.model.bead_width(np.array([bead.heat_input.mean() for bead in beads]))
     assert (width + order.weaves < 1.15 * planner.model.widest_on_slope(tilt).min()).all()
     last = [bead for bead in beads if bead.layer == len(order.counts) - 1]
