@@ -32,7 +32,7 @@ ARRIVAL_SIGMA: Final = 0.5e-3
 come, which tell the time. Assumption."""
 
 MOST_ROUNDS: Final = 20
-CONVERGED: Final = 1e-7
+CONVERGED_STEP: Final = 1e-7
 
 
 @array_dataclass
@@ -106,7 +106,7 @@ def clock_offset(views: ShuttleViews, poses: ActualPoses, T_f_s: Array) -> tuple
             break
         change = -float(np.nansum(weight * slope * left)) / information
         offset += change
-        if abs(change) < CONVERGED:
+        if abs(change) < CONVERGED_STEP:
             return offset, CORRELATED_NOISE_FACTOR * sigma / sqrt(information)
         if abs(offset - start) > LARGEST_OFFSET:
             break

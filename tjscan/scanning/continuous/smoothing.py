@@ -26,7 +26,7 @@ something begins."""
 SECTIONS_BEFORE_A_JUMP: Final = 4
 """Sections whose straight way is carried on to find one."""
 
-REWEIGHTINGS: Final = 3
+REWEIGHTING_ROUNDS: Final = 3
 OUTLIER_SIGMAS: Final = 3.0
 """Standard deviations at which a section begins to count less."""
 
@@ -97,7 +97,7 @@ def _smooth_way(along: Array, way: Array, sigma: Array) -> Array:
             continue
         A = np.vander((along[near] - s) / HALF_WIDTH, 3, increasing=True)
         weight = 1.0 / sigma[near]
-        for _ in range(REWEIGHTINGS):
+        for _ in range(REWEIGHTING_ROUNDS):
             fit, *_ = np.linalg.lstsq(weight[:, None] * A, weight[:, None] * way[near], rcond=None)
             off = np.linalg.norm(way[near] - A @ fit, axis=1) / (OUTLIER_SIGMAS * sigma[near])
             weight = 1.0 / (sigma[near] * np.maximum(1.0, off))
