@@ -7,7 +7,6 @@ from math import cos, degrees, hypot, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -24,7 +23,7 @@ from tjscan.groove.settings import (
     GrooveSettings,
 )
 from tjscan.groove.shape import corner_estimates
-from tjscan.groove.sides import GrooveFit, Index
+from tjscan.groove.sides import GrooveFit, Index, select_points
 from tjscan.groove.steel import fit_bare_steel
 from tjscan.laser.profile import Profile
 
@@ -129,12 +128,6 @@ def order_points(profile: Profile, settings: GrooveSettings) -> Profile:
             profile.points[columns],
         )
     return select_points(profile, columns)
-
-
-def select_points(profile: Profile, chosen: Index | NDArray[np.bool_]) -> Profile:
-    """Some of a profile's points, by their numbers or a mask."""
-    x_s, z_s = profile.x_s[chosen], profile.z_s[chosen]
-    return replace(profile, x_s=x_s, z_s=z_s, columns=profile.columns[chosen])
 
 
 def _columns_by_bearing(profile: Profile) -> Index:

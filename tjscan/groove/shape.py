@@ -26,6 +26,7 @@ from tjscan.groove import kernel
 from tjscan.groove.prior import TRIED_NOTCH_PULLS
 from tjscan.groove.refinement import (
     coefficient_covariances,
+    model_values,
     prior_weights,
     solve_with_prior,
 )
@@ -330,7 +331,7 @@ def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
             *(fitted.curved, *fitted.equations, fitted.inverse, fitted.weight, fitted.counts),
             *(np.array(fitted.middles), straight),
             *(TRIED_NOTCH_PULLS, TRIED_PULL_REACHES, TRIED_PULL_DECAYS, SMOOTH_PULLS),
-            *(kernel.model_values(sides), corners, covariance, fitted.variance_inflation),
+            *(model_values(sides), corners, covariance, fitted.variance_inflation),
         ):
             raise np.linalg.LinAlgError("the points of a side do not show it")
         return corners, covariance
@@ -376,7 +377,8 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     counts by how likely it is (Bayesian model averaging).
     """
     fitted = fit.fitted
-    spread, expected, *_ = kernel.side_priors(fit.model.sides)
+    values = model_values(fit.model.sides)
+    spread, expected = values[:, :2], values[:, 2]
     bends = spread[:, 0] > 0
     total = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     if fitted.straight is not None:
