@@ -78,12 +78,12 @@ def read_groove_with_fit(
     """
     if not settings.model.has_section_points:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
-    row = order_points(profile, settings)
-    fit = _fit_on_steel(row, settings, prior)
+    tolerance, row = settings.support_tolerance, order_points(profile, settings)
+    fit = _fit_on_steel(row, settings, prior, tolerance)
     corners, covariance = corner_estimates(fit)
     covariance += fit.steel_covariance
     fit = replace(fit, fitted=replace(fit.fitted, corners=corners))
-    section = read_root(fit, covariance + fit.other_readings, settings.support_tolerance)
+    section = read_root(fit, covariance + fit.other_readings, tolerance)
     # Without the root's corners or with one more nothing else supports that this is a groove.
     # Other readings of it do not object to that.
     root = section.covariance_s.diagonal().reshape(3, 2).max(axis=1)[1:].tolist()
@@ -147,19 +147,21 @@ def _columns_by_bearing(profile: Profile) -> Index:
     return columns[np.argsort(bearings, kind="stable")]
 
 
-def _fit_on_steel(row: Profile, settings: GrooveSettings, prior: GroovePrior | None) -> GrooveFit:
+def _fit_on_steel(
+    row: Profile, settings: GrooveSettings, prior: GroovePrior | None, tolerance: float
+) -> GrooveFit:
     """Fit with what the sections before show, as far as the profile does not contradict it."""
     model = prior.expected_model(settings.model) if prior else settings.model
     try:
         best, *others = find_supported_fits(row, replace(settings, model=model))
         if prior is None or not _contradicts_bends(best):
-            bare = fit_bare_steel(best, prior, settings.support_tolerance)
+            bare = fit_bare_steel(best, prior, tolerance)
             return with_doubt_from_others(bare, others)
     except GrooveNotFound:
         if prior is None or not np.isfinite(prior.bend_sigmas).any():
             raise
     unbent = replace(prior, bends=np.zeros(2), bend_sigmas=np.full(2, np.inf))
-    return _fit_on_steel(row, settings, unbent)
+    return _fit_on_steel(row, settings, unbent, tolerance)
 
 
 def _contradicts_bends(fit: GrooveFit) -> bool:

@@ -204,8 +204,8 @@ def refine_fit(
     """
     values = model_values(model)
     if kernel.compiled is not None:
-        record, keep = fit_record(len(model)).copy(), np.empty(len(row), np.bool_)
-        points = np.empty((2, len(row)))
+        record, keep = fit_record(len(model)).copy(), np.empty(len(row.x_s), np.bool_)
+        points = np.empty((2, len(row.x_s)))
         found = kernel.compiled.refine_fit(
             *(row.x_s, row.z_s, row.columns, np.array(start.sides), start.corners),
             *(values, np.array(known), record.view(np.float64), points, keep),
@@ -218,7 +218,7 @@ def refine_fit(
     # What sticks to the long outer sides is wider than their noise.
     reach = np.full(len(model), tolerance)
     reach[[0, -1]] *= OUTER_SIDE_REACH
-    sigmas, left_out = np.full(len(model), tolerance / 4), np.zeros(len(row), dtype=np.bool_)
+    sigmas, left_out = np.full(len(model), tolerance / 4), np.zeros(len(row.x_s), dtype=np.bool_)
     fitted: FittedProfile | None = None
     straight: Array | None = None
     for count in range(MOST_REFINEMENT_ROUNDS):
@@ -315,9 +315,9 @@ def _fit_sides_once(
     From the sides `clean`, shape (k,), points beside ghosts are dropped.
     """
     cuts = (-row.x_s / row.z_s).searchsorted(-start.corners[:, 0] / start.corners[:, 1])
-    edges = [0, *cuts.tolist(), len(row)]
+    edges = [0, *cuts.tolist(), len(row.x_s)]
     spans, keep = tuple(map(slice, edges, edges[1:])), ~left_out
-    s, d, sums = np.empty(len(row)), np.empty(len(row)), []
+    s, d, sums = np.empty(len(row.x_s)), np.empty(len(row.x_s)), []
     for side, own, limit, is_clean in zip(start.sides, spans, limits, clean, strict=True):
         points = row.points[own]
         s[own], d[own] = side.local_coordinates(points)
@@ -380,7 +380,7 @@ def _leave_out_curled_rims(
     """
     holes = np.flatnonzero(np.abs(np.diff(row.columns)) > LEAST_COLUMNS_OF_HOLE)[:, None]
     steps = np.arange(RIM_POINTS)
-    rims = np.clip(np.concatenate((holes - steps, holes + 1 + steps)), 0, len(row) - 1)
+    rims = np.clip(np.concatenate((holes - steps, holes + 1 + steps)), 0, len(row.x_s) - 1)
     owner = np.searchsorted(fitted.edges[1:-1], rims, side="right")
     off = np.abs(fitted.residuals[rims])
     long = ~bead[owner[:, 0]] & (off[:, 0] < LARGEST_CURL)

@@ -120,7 +120,7 @@ class PointRuns:
 
 def find_runs(row: Profile) -> PointRuns:
     """Divide a row of n points where neighbours jump or a wide hole lies between."""
-    n = len(row)
+    n = len(row.x_s)
     if kernel.compiled is not None:
         bounds, jumps = np.empty(n + 1, dtype=np.intp), np.empty(n, dtype=np.bool_)
         m = kernel.compiled.find_runs(row.x_s, row.z_s, row.columns, bounds, jumps, np.empty(n))
@@ -160,9 +160,11 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
         Fits of the same points, of any form of the groove, the likeliest first.
     """
     surely, runs = replace(best, fitted=without_seam_cap(best.fitted)), find_runs(best.row)
+    on = surely.fitted.points_on_sides
     odds = [exp(-POINT_LOG_ODDS * (other.cost - best.cost)) for other in others]
     covariance = _covariance_of_readings(best, others, odds)
-    covariance += _reflection_covariance(surely, runs) + _unmodelled_steel_covariance(surely, runs)
+    covariance += _reflection_covariance(surely, runs, on)
+    covariance += _unmodelled_steel_covariance(surely, runs, ~on)
     # Each form counts once, by its own likeliest reading. What reflections hide may be of any form.
     each = zip(reversed(others), reversed(odds), strict=True)
     forms = {other.model.name: share for other, share in each if other.model is not best.model}
@@ -259,13 +261,11 @@ def share_in_long_stretches(
     return min(share / len(residuals), MOST_REFLECTION_PROBABILITY)
 
 
-def is_outnumbered(runs: PointRuns, fitted: FittedProfile, k: int) -> bool:
+def is_outnumbered(runs: PointRuns, on: NDArray[np.bool_], fitted: FittedProfile, k: int) -> bool:
     """Whether more points that hang together lie off side k, in its place, than any do on it."""
-    own = fitted.spans[k]
-    run = np.arange(len(runs.first)).repeat(runs.count)[own]
-    on = fitted.points_on_sides[own]
-    most_on, most_off = (int(np.bincount(run[one], minlength=1).max()) for one in (on, ~on))
-    return most_off >= min(most_on, int(fitted.counts[k]))
+    run = np.arange(len(runs.first)).repeat(runs.count)[fitted.spans[k]]
+    count = np.bincount(run), np.bincount(run, on[fitted.spans[k]])
+    return bool((count[0] - count[1]).max() >= min(count[1].max(), fitted.counts[k]))
 
 
 def count_points_seen_through_face(row: Profile, fitted: FittedProfile, k: int) -> int:
@@ -308,7 +308,7 @@ def corners_seen_from_both_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
     return np.asarray(gaps_beside_corners(fitted).max(axis=1) < MEETING_REACH)
 
 
-def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns) -> Array:
+def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns, off: NDArray[np.bool_]) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
     Points that hang together with those before and after them are no reflections, nor are those
@@ -317,7 +317,6 @@ def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns) -> Array:
     """
     fitted = fit.fitted
     covariance = np.zeros((2 * len(fitted.curves),) * 2)
-    off = ~fitted.points_on_sides
     if np.count_nonzero(off) < FEWEST_HIDING:
         return covariance
     first, stop, joins = stretches_off_surface(runs, off)
@@ -341,7 +340,7 @@ def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns) -> Array:
     return covariance
 
 
-def _reflection_covariance(fit: GrooveFit, runs: PointRuns) -> Array:
+def _reflection_covariance(fit: GrooveFit, runs: PointRuns, on: NDArray[np.bool_]) -> Array:
     """What it adds, shape (2 k, 2 k), that a side between others may be no surface.
 
     It surely is one if it goes over, by way of others or not, into the wall or into the leg. What
@@ -352,7 +351,7 @@ def _reflection_covariance(fit: GrooveFit, runs: PointRuns) -> Array:
     meets = corners_seen_from_both_sides(fitted)
     from_wall, from_leg = (np.logical_and.accumulate(m) for m in (meets, meets[::-1]))
     for k, side in enumerate(sides[1:-1], 1):
-        hides = side.bead and is_outnumbered(runs, fitted, k)
+        hides = side.bead and is_outnumbered(runs, on, fitted, k)
         together = meets[k - 1 : k + 1]
         # A face that goes over into both sides is steel; a bevel's end may be light all the same.
         if side.bead and together.all() and not hides:

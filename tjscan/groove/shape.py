@@ -206,11 +206,10 @@ def _weigh_pulls(row: Profile, fitted: FittedProfile, k: int) -> tuple[Array, Ar
 
 
 def _build_flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:
-    (x, z), (tx, tz) = curve.point_on_curve(s), (sign * t for t in curve.tangent_at(s))
-    px, pz = points.T
+    (x, z), (ax, az), (px, pz) = curve.point_on_curve(s), curve.tangent_at(s), points.T
     with np.errstate(divide="ignore"):
-        inward = (z * px - x * pz) / (tx * pz - tz * px)
-    return _Flank((x, z), (tx, tz), limit, inward, curve.signed_distances(points))
+        inward = sign * (z * px - x * pz) / (ax * pz - az * px)
+    return _Flank((x, z), (sign * ax, sign * az), limit, inward, curve.signed_distances(points))
 
 
 def _pull_costs(

@@ -132,6 +132,7 @@ def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
         return None
     base = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
     s, d = base.local_coordinates(fit.row.points[own])
+    corner = base.position_along_chord(*fitted.corners[0 if k == 0 else -1].tolist())
     d = d - base.c3 * s**3
     blocks = near[: count * POINTS_PER_SCALE_BLOCK].reshape(count, POINTS_PER_SCALE_BLOCK)
     along = s[blocks].mean(axis=1)
@@ -154,7 +155,6 @@ def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
     )
     c0, c1, c2 = surface.tolist()
     likely = np.exp(-0.5 * BLOCK_EVIDENCE_WEIGHT * (cost - cost[best]))
-    corner = base.position_along_chord(*fitted.corners[0 if k == 0 else -1].tolist())
     away = (surfaces - surfaces[best]) @ np.array((1.0, corner, corner * corner))
     return SideOnSteel(
         np.asarray(log_thicknesses),
