@@ -25,12 +25,13 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
-from tjscan.groove.reflections import reflection_probability
+from tjscan.groove.reflections import reflection_probability, without_seam_cap
 from tjscan.groove.shape import pull_log_likelihoods
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
     CubicCurve,
+    FittedProfile,
     GrooveFit,
     Polyline,
     corners_between_sides,
@@ -242,7 +243,8 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    if prior is None and not any(_has_mill_scale_steps(fit, k) for k in (0, -1)):
+    fitted = without_seam_cap(fit.fitted)
+    if prior is None and not any(_has_mill_scale_steps(fitted, k) for k in (0, -1)):
         return fit
     bare = _fit_without_scale(fit, prior, tolerance)
     moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
@@ -254,9 +256,9 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     return _fit_without_pull(bare, prior, tolerance)
 
 
-def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
+def _has_mill_scale_steps(fitted: FittedProfile, k: int) -> bool:
     """Whether a side steps up and down, as scale does that has flaked off in part, and no wave."""
-    residuals = fit.fitted.residuals[fit.fitted.spans[k]]
+    residuals = fitted.residuals[fitted.spans[k]]
     near = residuals[np.abs(residuals) < SURFACE_REACH]
     blocks = near[: len(near) // STEP_BLOCK * STEP_BLOCK].reshape(-1, STEP_BLOCK)
     steps = np.abs(np.diff(np.sort(blocks, axis=1)[:, STEP_BLOCK // 2])) > LEAST_SCALE_STEP
