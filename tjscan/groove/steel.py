@@ -261,8 +261,9 @@ def _has_mill_scale_steps(fitted: FittedProfile, k: int) -> bool:
     residuals = fitted.residuals[fitted.spans[k]]
     near = residuals[np.abs(residuals) < SURFACE_REACH]
     blocks = near[: len(near) // STEP_BLOCK * STEP_BLOCK].reshape(-1, STEP_BLOCK)
-    steps = np.abs(np.diff(np.sort(blocks, axis=1)[:, STEP_BLOCK // 2])) > LEAST_SCALE_STEP
-    return bool(np.count_nonzero(steps) >= FEWEST_SCALE_STEPS)
+    steps = np.abs(np.diff(np.sort(blocks, axis=1)[:, STEP_BLOCK // 2]))
+    scale = (steps > LEAST_SCALE_STEP) & (steps < SCALE_THICKNESSES[-1])
+    return bool(np.count_nonzero(scale) >= FEWEST_SCALE_STEPS)
 
 
 def _fit_without_scale(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) -> GrooveFit:
