@@ -142,7 +142,7 @@ def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
     correlated = min(fitted.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
     sigma, expected = hypot(least * sqrt(correlated), BLOCK_UNDULATION), side.expected_bend or 0.0
     surfaces = np.vstack((_surfaces_through_blocks(along, heights), (base.c0, base.c1, base.c2)))
-    off = heights - surfaces @ np.vander(along, 3, increasing=True).T
+    off = heights - surfaces @ np.array((np.ones(count), along, along**2))
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
     costs += ((surfaces[:, 2] - expected) / side.bend) ** 2
     cheapest = costs.min(axis=1)
@@ -177,7 +177,7 @@ def _fit_steel(
 ) -> tuple[NDArray[np.bool_], Array, float, float]:
     """Which points, s and d, lie on scale; the steel; its bend and sigma by the points alone."""
     (s, d), (expected, spread) = points, known_bend
-    basis = np.vander(s, 3, increasing=True).T
+    basis = np.array((np.ones_like(s), s, s * s))
     known = np.diag((0.0, 0.0, spread**-2))
     for _ in range(MOST_STEEL_ROUNDS):
         off = d - surface @ basis
