@@ -312,29 +312,22 @@ def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns, off: NDArray[n
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
     Points that hang together with those before and after them are no reflections, nor are those
-    that a side goes on with beyond its corner. If they are several, thicker than scale, and begin
-    at a corner, it may be at any of them.
+    that a side goes on with beyond its corner. If they are several, and thicker than scale, the
+    corner beside them may be at any of them.
     """
     fitted = fit.fitted
     covariance = np.zeros((2 * len(fitted.curves),) * 2)
-    if np.count_nonzero(off) < FEWEST_HIDING:
-        return covariance
     first, stop, joins = stretches_off_surface(runs, off)
-    to_corner = np.abs(np.array((first, stop))[..., None] - np.array(fitted.edges)).min(axis=2)
-    between = np.asarray(joins.all(axis=0))
-    steel = between | (joins & (to_corner < FEWEST_HIDING)).any(axis=0)
-    for a, b, joined in zip(first[steel], stop[steel], between[steel], strict=True):
+    for a, b, joined in zip(first, stop, joins.all(axis=0), strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         points = fit.row.points[a:b]
-        for i, corner in enumerate(fitted.corners):
+        on = [np.median(np.abs(c.signed_distances(points))) < THICKEST_SCALE for c in fitted.curves]
+        for i, (corner, edge) in enumerate(zip(fitted.corners, fitted.edges[1:], strict=False)):
             away = points - corner
-            ends = np.hypot(*away[[0, -1]].T)
-            # What lies on a side beside the corner, drawn on, is no light of two bounces.
-            off_sides = [np.abs(c.signed_distances(points)) for c in fitted.curves[i : i + 2]]
-            if not joined and min(map(np.median, off_sides)) >= THICKEST_SCALE:
-                continue
-            if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
+            beside = a <= edge <= b or np.hypot(*away[[0, -1]].T).min() < MEETING_REACH
+            goes_on = (a >= edge and on[i]) or (b <= edge and on[i + 1])
+            if goes_on or (joined and beside):
                 own = slice(2 * i, 2 * i + 2)
                 covariance[own, own] += away.T @ away / len(away)
     return covariance
