@@ -49,7 +49,8 @@ def test_a_corner_divides_no_run_and_a_jump_does() -> None:
 
 def test_points_after_a_hole_do_not_jump() -> None:
     columns = np.concatenate((np.arange(30), np.arange(50, 80)))
-    runs = find_runs(Profile(*bent_line(80)[columns].T, columns=columns, column_count=80))
+    x, z = bent_line(80)[columns].T
+    runs = find_runs(Profile(x, z, columns=columns, column_count=80))
     assert runs.first.tolist() == [0, 30]
     assert not runs.jumps.any()
 
@@ -248,6 +249,7 @@ def test_the_cap_of_a_seam_weld_beside_the_groove_is_no_reflection(seed: int) ->
     profile = Profile(np.where(np.any(hidden, axis=0), np.nan, profile.x_s), profile.z_s)
     section = read_groove(profile)
     assert "seam weld beside" in section.conditions
+    assert section.evidence is None, "it was taken for scale"
     off, sigma = errors_and_sigmas(section, groove)
     assert off.max() < 0.2 * MM
     assert sigma.max() < 0.3 * MM

@@ -128,7 +128,7 @@ def test_a_candidate_is_the_curve_that_it_is_drawn_as(radius: float) -> None:
     candidates = propose_candidates(points, pieces)
     length = (candidates.last - candidates.first) * (candidates.kind == BEAD_KIND)
     longest = int(length.argmax())
-    curve = candidates.as_curves([longest])[0]
+    curve = candidates.as_curves()[longest]
     assert np.abs(curve.signed_distances(row.points)).max() < 0.02 * MM
     np.testing.assert_allclose(
         candidates.scaled_distances(points, 1.0)[longest],

@@ -157,9 +157,9 @@ class GroovePrior:
             sides = list(form.sides)
             for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
                 if sigma < sides[k].bend and sides[k].bend > LARGEST_STRAIGHT_BEND:
+                    sides[k] = replace(sides[k], bend=float(sigma), expected_bend=float(bend))
                     twist = min(sides[k].twist, BEND_CHANGE_PER_METRE / 3)
-                    bends = {"bend": float(sigma), "expected_bend": float(bend)}
-                    sides[k] = replace(sides[k], twist=twist, **bends)
+                    sides[k] = replace(sides[k], twist=twist)
             forms.append(replace(form, sides=tuple(sides)))
         return replace(forms[-1], alternatives=tuple(forms[:-1]))
 

@@ -255,11 +255,9 @@ def refine_fit(
             straight = _log_odds_of_straight_sides(fitted, values)
             fitted = replace(fitted, straight=straight)
             curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
-            noise_is_known = left_out.any() or not _leave_out_curled_rims(
-                row, fitted, bead, left_out
-            )
-            if not noise_is_known:
-                curved = curved | bead & (spread[:, 0] > 0)
+            noise_is_known = True
+            if not left_out.any() and _leave_out_curled_rims(row, fitted, bead, left_out):
+                curved, noise_is_known = curved | bead & (spread[:, 0] > 0), False
     return fitted if noise_is_known else None
 
 

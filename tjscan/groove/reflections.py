@@ -318,7 +318,7 @@ def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns, off: NDArray[n
     fitted = fit.fitted
     covariance = np.zeros((2 * len(fitted.curves),) * 2)
     first, stop, joins = stretches_off_surface(runs, off)
-    for a, b, joined in zip(first, stop, joins.all(axis=0), strict=True):
+    for a, b, joined in zip(first, stop, joins[0] & joins[1], strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         points = fit.row.points[a:b]
