@@ -276,8 +276,8 @@ def count_points_seen_through_face(row: Profile, fitted: FittedProfile, k: int) 
     if np.count_nonzero(behind) < FEWEST_HIDING:
         return 0
     points = row.points[own][behind]
-    on = [np.abs(fitted.curves[j].signed_distances(points)) < noise[j] for j in (k - 1, k + 1)]
-    count = int(np.count_nonzero(on[0] | on[1]))
+    on = np.abs(fitted.distances_from_sides(points)) < noise[:, None]
+    count = int(np.count_nonzero(on[k - 1] | on[k + 1]))
     return count if count >= FEWEST_HIDING else 0
 
 
@@ -322,7 +322,7 @@ def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns, off: NDArray[n
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         points = fit.row.points[a:b]
-        on = [np.median(np.abs(c.signed_distances(points))) < THICKEST_SCALE for c in fitted.curves]
+        on = np.median(np.abs(fitted.distances_from_sides(points)), axis=1) < THICKEST_SCALE
         for i, (corner, edge) in enumerate(zip(fitted.corners, fitted.edges[1:], strict=False)):
             away = points - corner
             beside = a <= edge <= b or np.hypot(*away[[0, -1]].T).min() < MEETING_REACH

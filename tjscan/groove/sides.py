@@ -259,6 +259,10 @@ class FittedProfile:
         tx, tz = self.curves[corner + 1 - j].tangent_at(self.places[corner][1 - j])
         return np.array((tx, tz)) / (tx * own[1] - tz * own[0])
 
+    def distances_from_sides(self, points: Array) -> Array:
+        """Signed distances of points, shape (n, 2), from all sides, drawn on, shape (k, n)."""
+        return np.array([curve.signed_distances(points) for curve in self.curves])
+
     @property
     def points_on_sides(self) -> NDArray[np.bool_]:
         """Points on their sides, shape (n,), with those left out of a fit for their neighbours."""

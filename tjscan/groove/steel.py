@@ -243,9 +243,10 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    fitted = without_seam_cap(fit.fitted)
-    if prior is None and not any(_has_mill_scale_steps(fitted, k) for k in (0, -1)):
-        return fit
+    if prior is None:
+        fitted = without_seam_cap(fit.fitted)
+        if not any(_has_mill_scale_steps(fitted, k) for k in (0, -1)):
+            return fit
     bare = _fit_without_scale(fit, prior, tolerance)
     moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
     if moved and reflection_probability(bare.fitted) < MOST_REFLECTED_BESIDE_SCALE:
