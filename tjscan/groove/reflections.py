@@ -312,12 +312,13 @@ def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns, off: NDArray[n
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
     Points that hang together with those before and after them are no reflections, nor are those
-    that a side goes on with beyond its corner. If they are several, and thicker than scale, the
-    corner beside them may be at any of them.
+    that a side goes on with beyond its corner; it is drawn on no farther than it is long. If they
+    are several, and thicker than scale, the corner beside them may be at any of them.
     """
     fitted = fit.fitted
     covariance = np.zeros((2 * len(fitted.curves),) * 2)
     first, stop, joins = stretches_off_surface(runs, off)
+    lengths = [np.ptp(fitted.along[own]) for own in fitted.spans]
     for a, b, joined in zip(first, stop, joins[0] & joins[1], strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
@@ -325,8 +326,10 @@ def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns, off: NDArray[n
         on = np.median(np.abs(fitted.distances_from_sides(points)), axis=1) < THICKEST_SCALE
         for i, (corner, edge) in enumerate(zip(fitted.corners, fitted.edges[1:], strict=False)):
             away = points - corner
-            beside = a <= edge <= b or np.hypot(*away[[0, -1]].T).min() < MEETING_REACH
-            goes_on = (a >= edge and on[i]) or (b <= edge and on[i + 1])
+            near = np.hypot(*away[[0, -1]].T).min()
+            beside = a <= edge <= b or near < MEETING_REACH
+            goes_on = near < lengths[i] and a >= edge and on[i]
+            goes_on |= near < lengths[i + 1] and b <= edge and on[i + 1]
             if goes_on or (joined and beside):
                 own = slice(2 * i, 2 * i + 2)
                 covariance[own, own] += away.T @ away / len(away)
