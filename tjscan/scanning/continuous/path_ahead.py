@@ -198,13 +198,7 @@ class PathAhead:
         return FollowedPath(spline, gone)
 
     def shorten(self, path: FollowedPath, now: float) -> FollowedPath:
-        """The same path, ending as soon as the arm can rest on it.
-
-        Raises
-        ------
-        PathNotExtended
-            If it can't any sooner.
-        """
+        """Let a path end as soon as the arm can rest on it; gives itself if it can't any sooner."""
         start = now + PLANNING_TIME
         leave, speed = path.gone.at(start)
         for end in np.arange(leave + 2 * KNOT_SPACING, path.length - KNOT_SPACING, KNOT_SPACING):
@@ -213,7 +207,7 @@ class PathAhead:
             gone = self._timing.fastest(spline, speed, start)
             if gone is not None:
                 return FollowedPath(spline, gone)
-        raise PathNotExtended("the arm rests as soon as it can")
+        return path
 
     def shuttle(self, q: Array, time: float) -> FollowedPath:
         """A path from rest to and fro across the groove, in the laser plane, and back.
