@@ -19,13 +19,18 @@ def ur_loopback(
     realtime: Annotated[bool, Parameter(negative="--fast")] = True,
     home_deg: tuple[float, float, float, float, float, float] = (-110, -95, 160, 105, -110, 0),
     calibration_seed: int | None = None,
+    clock_s: float = 0.0,
+    clock_ppm: float = 0.0,
+    packet_seed: int = 0,
     attached: bool = False,
 ) -> None:
     """Simulate a Universal Robots controller on this machine, until interrupted.
 
     A line on stdin commands a fault: protective-stop, emergency-stop, power-off, local-mode,
     drop-link, freeze, refuse-targets, stop-program, miss-target or refuse-stop; clear sets all
-    right again, home puts the arm where it started.
+    right again, home puts the arm where it started. Of the packets of a path that is followed:
+    lose-packets, late-packets, double-packets, reorder-packets, freeze-registers; of the speed
+    slider: slider-zero, slider-half, slider-full.
     With a number behind it, it comes half way through that move, counted from now.
 
     Parameters
@@ -43,6 +48,12 @@ def ur_loopback(
     calibration_seed
         Draws a calibration of the arm's own, some tenths of a millimetre, which the controller
         states and follows; without it the arm is as its model has it.
+    clock_s
+        What its clock shows at first, seconds.
+    clock_ppm
+        By how many millionths its clock runs fast.
+    packet_seed
+        Decides which packets are affected by their faults.
     attached
         End when stdin ends.
     """
@@ -56,6 +67,9 @@ def ur_loopback(
         fast=not realtime,
         attached=attached,
         calibration_seed=calibration_seed,
+        clock=clock_s,
+        clock_ppm=clock_ppm,
+        packet_seed=packet_seed,
     )
 
 
