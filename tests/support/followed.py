@@ -15,12 +15,15 @@ from tjscan_loopback.ur.controller import LoopbackController
 
 HZ = 500.0
 
+START = HOME - np.radians([0, 0, 60, 0, 0, 0])
+"""Joint angles from which the elbow may turn either way."""
+
 
 def wandering_path(random: Generator, before: JointMotion, start: float) -> JointMotion:
     """A path that leaves another at a time, wanders, and ends at rest, at uneven knots."""
     q, speed = before.at(start)
     duration = random.uniform(1.0, 2.0)
-    goals = q + 0.5 * duration * speed + random.uniform(-0.15, 0.15, (2, 6))
+    goals = START + random.uniform(-0.15, 0.15, (2, 6))
     times = start + duration * np.array((0.0, 0.5, 1.0))
     spline = CubicSpline(times, np.vstack((q, goals)), bc_type=((1, speed), (1, np.zeros(6))))
     steps = np.cumsum(random.uniform(0.5, 1.5, random.integers(20, 70)))
@@ -37,7 +40,7 @@ class FollowingController:
         self.told: list[str] = []
         self.controller = LoopbackController(
             KINEMATICS,
-            HOME,
+            START,
             hz=HZ,
             fast=False,
             report_line=self.told.append,

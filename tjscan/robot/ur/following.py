@@ -31,6 +31,9 @@ LOOKAHEAD, GAIN = 0.03, 300
 STOPPING_TIME: Final = 0.4
 """Seconds in which the arm comes to rest on its path when it is stopped."""
 
+SETTLING_TIME: Final = 0.1
+"""Seconds after that until the program ends: the arm lags behind."""
+
 TAKEOVER_GUARD: Final = 0.01
 """Seconds before the first new knot until which the program takes a path over."""
 
@@ -73,6 +76,7 @@ def following_program() -> str:
         joining_gap=JOINING_GAP,
         largest_jump=LARGEST_JUMP,
         stopping_time=STOPPING_TIME,
+        settled=-SETTLING_TIME / STOPPING_TIME,
         longest_silence=LONGEST_SILENCE,
         lookahead=LOOKAHEAD,
         gain=GAIN,

@@ -123,7 +123,7 @@ class KnotLink:
         self._waiting: deque[tuple[int, Array]] = deque()
         self._states: list[tuple[float, ...]] = []
         self._latest = (0.0, 0.0, 0, 0)
-        self._beat = self._stop = 0.0
+        self._beat = self._stop = self._kept = 0.0
         self._open = True
         self._ask("V", b"\0\2")
         kinds = self._ask("O", Struct(">d").pack(FOLLOWING_HZ) + _OUTPUT_NAMES.encode())[1:]
@@ -173,7 +173,8 @@ class KnotLink:
         runtime, acknowledged, verdict, path_time = rest[12:]
         self._latest, self._heard = (at, path_time, verdict, runtime), time.monotonic()
         with self._lock:
-            if not self._states or at > self._states[-1][0] + 0.9 * STATE_PERIOD:
+            if at > self._kept + 0.9 * STATE_PERIOD:
+                self._kept = at
                 self._states.append((at, *rest[:12]))
             self._waiting = deque(one for one in self._waiting if one[0] != acknowledged)
 
