@@ -79,7 +79,7 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
         message = "a simulated arm needs a [simulation.arm] table"
         raise ConfigurationError(message, key="simulation.arm")
     with add_file_to_errors(key="simulation.arm.home_deg"):
-        return SimulatedArm(
+        arm = SimulatedArm(
             context.kinematics,
             np.array(world.home if left is None else left.q),
             limits=context.limits,
@@ -87,12 +87,12 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
             seed=context.seed,
             realtime=world.realtime,
             time=0.0 if left is None else left.time,
-            lag=world.lag,
-            wander=world.wander,
             errors=None
             if world.errors is None
             else SimulatedArmErrors.draw_true_arm(context.kinematics, world.errors, context.seed),
         )
+    arm.lag, arm.wander = world.lag, world.wander
+    return arm
 
 
 def _make_replayed_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:

@@ -76,7 +76,7 @@ class JointMotion:
         return self._spline(within), np.where(moves, self._spline(within, 1), 0.0)
 
     def replaced_by(self, later: JointMotion, now: float) -> JointMotion:
-        """This motion up to where a later one begins, and that one from there on.
+        """Join a later motion to this one: this up to where that begins, and that from there on.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class JointMotion:
         Raises
         ------
         PathNotExtended
-            If it begins too early, or elsewhere, or with another speed: nothing is replaced.
+            If it begins too early, elsewhere, or with another speed: nothing is replaced.
         """
         start = float(later.times[0])
         if start < now + GUARD_TIME:

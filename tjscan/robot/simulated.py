@@ -140,9 +140,12 @@ class SimulatedArm(LocalDevice):
         What its clock shows at first, in seconds.
     errors : SimulatedArmErrors, optional
         How the true arm differs from `kinematics`.
-    lag : float, optional
+
+    Attributes
+    ----------
+    lag : float
         Seconds by which it follows a path late.
-    wander : float, optional
+    wander : float
         Seconds over which its error correlates while it follows one.
 
     Raises
@@ -164,8 +167,6 @@ class SimulatedArm(LocalDevice):
         realtime: bool = False,
         time: float = 0.0,
         errors: SimulatedArmErrors | None = None,
-        lag: float = FOLLOWING_LAG,
-        wander: float = ERROR_CORRELATION,
     ) -> None:
         _check_start_posture(kinematics, np.asarray(q, dtype=float))
         self.kinematics = kinematics
@@ -177,7 +178,7 @@ class SimulatedArm(LocalDevice):
         self._errors = errors
         self._turning = np.zeros(len(self._now[0]))
         self._error = self._draw_error()
-        self._lag, self._wander = lag, wander
+        self.lag, self.wander = FOLLOWING_LAG, ERROR_CORRELATION
         self._following: SimulatedFollowing | None = None
         self._latch = MotionLock()
 
@@ -228,10 +229,10 @@ class SimulatedArm(LocalDevice):
         """Follow paths that grow, as time is let pass. See `FollowingArm.follow`."""
         self.check_connected()
         with self._latch.hold_for_move():
-            error = WanderingError(self._error, self._spread, self._wander, self._random)
+            error = WanderingError(self._error, self._spread, self.wander, self._random)
             check = self._latch.check_not_stopped
             start = self.state()
-            self._following = SimulatedFollowing(self.kinematics, start, self._lag, error, check)
+            self._following = SimulatedFollowing(self.kinematics, start, self.lag, error, check)
             try:
                 yield self._following
             finally:

@@ -48,7 +48,7 @@ class WanderingError:
     @property
     def now(self) -> Array:
         """The error, shape (n,)."""
-        return self._state[0]
+        return np.asarray(self._state[0])
 
     def advance(self, seconds: float) -> None:
         """Let time pass."""
@@ -97,7 +97,7 @@ class SimulatedFollowing:
     @property
     def q(self) -> Array:
         """Joint angles as the encoders read them, shape (n,), radians."""
-        return self._stages[-1]
+        return np.asarray(self._stages[-1])
 
     def replace(self, motion: JointMotion) -> None:
         """Follow another motion. See `Following.replace`."""

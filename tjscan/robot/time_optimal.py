@@ -54,7 +54,8 @@ class LengthOverTime:
 
     def at(self, time: float) -> tuple[float, float]:
         """Length and speed at a time, metres and metres per second."""
-        i = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2))
+        after = int(np.searchsorted(self.times, time, side="right"))
+        i = min(max(after - 1, 0), len(self.times) - 2)
         span = self.times[i + 1] - self.times[i]
         t = min(max(time - self.times[i], 0.0), span)
         slope = (self.speeds[i + 1] - self.speeds[i]) / span
@@ -165,9 +166,7 @@ class PathTiming:
         constraints = [
             JointVelocityConstraint(np.column_stack((-fastest, fastest))),
             JointAccelerationConstraint(np.column_stack((-quickest, quickest))),
-            _ToolLimits(
-                points_b, scale, share * limits.tcp_speed, share * limits.tcp_acceleration
-            ),
+            _ToolLimits(points_b, scale, share * limits.tcp_speed, share * limits.tcp_acceleration),
         ]
         path = _SplinePath(q, scale)
         problem = TOPPRA(constraints, path, gridpoints=places / scale, solver_wrapper="seidel")
@@ -197,5 +196,6 @@ def path_through(lengths: Sequence[float] | Array, q: Array, slope: Array | None
     slope : ndarray, shape (n,), optional
         Radians per metre.
     """
-    begin = "not-a-knot" if slope is None else (1, slope)
-    return CubicSpline(lengths, q, bc_type=(begin, "not-a-knot"))
+    if slope is None:
+        return CubicSpline(lengths, q)
+    return CubicSpline(lengths, q, bc_type=((1, slope), "not-a-knot"))

@@ -264,6 +264,20 @@ class ScanPlan(units.SettingsTable):
     second: units.PoseSettings | None = None
 
     @property
+    def spacing(self) -> float:
+        """Distance from section to section that is asked for, metres."""
+        return self.step if self.mode == "stepwise" else self.section_spacing
+
+    @property
+    def expected_sections(self) -> int | None:
+        """About how many sections it will have; None if it goes on as far as it can."""
+        if self.length is None or self.sections is not None:
+            return self.sections
+        if self.mode == "continuous":
+            return 1 + round((self.step + self.length) / self.section_spacing)
+        return 2 + round(self.length / self.step)
+
+    @property
     def correction_criterion(self) -> CorrectionCriterion | None:
         """Criterion for skipping corrections; None if each is made, as in the paper."""
         enabled = self.criterion.enabled

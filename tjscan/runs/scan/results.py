@@ -152,20 +152,22 @@ def summarise_scan(
         Where the uncertainty of its corners comes from.
     """
     steps = 1e3 * np.array(journal.untaught_step_lengths(result.sections))
-    views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
+    profiles = [view for view in result.views if view.substep is not Substep.FUSED]
+    second = (i for i, v in enumerate(profiles) if v.substep is Substep.TAUGHT and v.index > 0)
+    views = profiles[next(second, 0) :]
     travel, rotation = flange_motion(pairwise(views))
-    taken = [view for view in result.views if view.substep is not Substep.TAUGHT]
+    taken = [view for view in profiles if view.substep is not Substep.TAUGHT]
     found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
     error = None if corner_error is None else DistanceStatistics.from_distances(corner_error)
     return ScanSummary(
         sections=len(result.sections),
-        scans=len(result.views),
+        scans=len(profiles),
         complete=journal.plan_is_fulfilled(result.stop, plan),
         stopped_because=str(result.stop),
         detail=result.detail,
         frame=frame.letter,
         groove_length_mm=1e3 * journal.groove_length(result.sections),
-        step_mm=StepStatistics.from_steps(1e3 * plan.step, steps),
+        step_mm=StepStatistics.from_steps(1e3 * plan.spacing, steps),
         flange_travel_mm=travel,
         flange_rotation_deg=rotation,
         motion_time_s=views[-1].time - views[0].time,

@@ -208,8 +208,8 @@ def _scanner_of_plan(
     # toppra, which imports Matplotlib, is loaded where it is used.
     from tjscan.scanning.continuous.scanner import ContinuousScanner
 
-    arm = cell.clearance.kinematics
-    return ContinuousScanner(setup, job.scan, journal, arm, motion_limits_of_job(job), stop)
+    arm, limits, second = cell.clearance.kinematics, motion_limits_of_job(job), job.start_poses[1]
+    return ContinuousScanner(setup, job.scan, journal, arm, limits, second.T, stop)
 
 
 def scan_in_cell(

@@ -232,7 +232,8 @@ def azimuths_at_plan_shares(
     list of float
         Radians in frame j.
     """
-    whole, way = ((plan.sections or 1) - 1) * plan.step, plan.direction
+    more = plan.length if plan.sections is None else (plan.sections - 2) * plan.step
+    whole, way = plan.step + (more or 0.0), plan.direction
     return [azimuth_further_along(joint, azimuth, share * whole, way) for share in shares]
 
 
@@ -308,8 +309,9 @@ def teach_start_poses(
         azimuth_deg = rules.start_azimuth_deg
     azimuth = float(np.radians(azimuth_deg))
     scan: dict[str, Any] = {}
-    if (rules.carry_base or rules.centre_view) and plan.sections is None:
-        raise ConfigurationError("is needed to know how far the scan goes", key="scan.sections")
+    if (rules.carry_base or rules.centre_view) and (plan.sections, plan.length) == (None, None):
+        why = "is needed, or length_mm, to know how far the scan goes"
+        raise ConfigurationError(why, key="scan.sections")
     if rules.centre_view:
         window = (job.laser.near, job.laser.far)
         plan = plan_with_centred_groove(definition, azimuth, plan, window)

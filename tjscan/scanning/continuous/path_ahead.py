@@ -188,13 +188,32 @@ class PathAhead:
             lengths.append(s)
             angles.append(q)
         if len(lengths) < len(kept) + 3:
-            raise PathNotExtended(f"the path ends {1e3 * (lengths[-1] - leave):.0f} mm on: {reason}")
+            gone = 1e3 * (lengths[-1] - leave)
+            raise PathNotExtended(f"the path ends {gone:.0f} mm on: {reason}")
         begin = path.q(leave, 1) if speed > 0 else None
         spline = path_through(lengths, np.array(angles), begin)
         gone = self._timing.fastest(spline, speed, start)
         if gone is None:
             raise PathNotExtended("the arm can't stop any more before the new path ends")
         return FollowedPath(spline, gone)
+
+    def shorten(self, path: FollowedPath, now: float) -> FollowedPath:
+        """The same path, ending as soon as the arm can rest on it.
+
+        Raises
+        ------
+        PathNotExtended
+            If it can't any sooner.
+        """
+        start = now + PLANNING_TIME
+        leave, speed = path.gone.at(start)
+        for end in np.arange(leave + 2 * KNOT_SPACING, path.length - KNOT_SPACING, KNOT_SPACING):
+            lengths = _evenly(leave, float(end))
+            spline = path_through(lengths, path.q(lengths), path.q(leave, 1))
+            gone = self._timing.fastest(spline, speed, start)
+            if gone is not None:
+                return FollowedPath(spline, gone)
+        raise PathNotExtended("the arm rests as soon as it can")
 
     def shuttle(self, q: Array, time: float) -> FollowedPath:
         """A path from rest to and fro across the groove, in the laser plane, and back.
@@ -256,6 +275,4 @@ def _evenly(start: float, end: float) -> Array:
 def _blend(offset: Array, slope: Array, gone: float) -> Array:
     """What is left of an offset with a slope: a cubic that ends flat at zero."""
     u = min(gone / BLEND_LENGTH, 1.0)
-    return np.asarray(
-        (1 + 2 * u) * (1 - u) ** 2 * offset + u * (1 - u) ** 2 * BLEND_LENGTH * slope
-    )
+    return np.asarray((1 + 2 * u) * (1 - u) ** 2 * offset + u * (1 - u) ** 2 * BLEND_LENGTH * slope)

@@ -22,12 +22,7 @@ from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_of
 from tjscan.scanning.continuous.fusing import ProfileFuser
 from tjscan.scanning.continuous.path_ahead import FollowedPath, PathAhead
 from tjscan.scanning.continuous.poses import ActualPoses
-from tjscan.scanning.continuous.seam_ahead import (
-    PLANNING_SPACING,
-    planning_sections,
-    predict_seam,
-    seam_direction,
-)
+from tjscan.scanning.continuous.seam_ahead import predict_seam, seam_direction
 from tjscan.scanning.continuous.stream import PlacedProfiles
 from tjscan.scanning.journal import (
     ScanEvent,
@@ -40,6 +35,7 @@ from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView, Sections, StepRequest, Substep
+from tjscan.scanning.sections_before import PLANNING_SPACING, planning_sections
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
 
@@ -72,6 +68,8 @@ class ContinuousScanner(Scanner):
         Of the arm, as calibrated.
     limits : MotionLimits
         How fast the arm may go.
+    T_b_f_second : ndarray, shape (4, 4)
+        The second taught pose, from which the plan's length counts, metres.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
 
@@ -88,6 +86,7 @@ class ContinuousScanner(Scanner):
         journal: Journal,
         kinematics: Kinematics,
         limits: MotionLimits,
+        T_b_f_second: Array,
         stop: StopRequest | None = None,
     ) -> None:
         predict = tube_fit_predictor(plan)
@@ -102,6 +101,7 @@ class ContinuousScanner(Scanner):
             )
         p_s_t = np.array((plan.offset, 0.0, plan.standoff))
         self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
+        self._second_point = self._planner.groove_point(T_b_f_second)
         self._poses, self._clock = ActualPoses(kinematics), LaserClock()
         self._stream = PlacedProfiles(setup.laser, self._poses, ProfileRepeats())
         self._fuser = ProfileFuser(plan.section_spacing, p_s_t)
@@ -109,6 +109,7 @@ class ContinuousScanner(Scanner):
         # Lengths along the groove: of the last section, of the one that a path was planned from
         # last, and of the second taught pose.
         self._length = self._planned_length = self._second_length = 0.0
+        self._passed_second = False
         self._why_not_on = ""
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
@@ -118,7 +119,7 @@ class ContinuousScanner(Scanner):
         self._lay_clock(state)
         state = self._setup.arm.state()
         path = self._planner.straight(state.q, T_b_f_second, state.time)
-        ahead = self._planner.groove_point(T_b_f_second) - self._planner.groove_point(state.T_b_f)
+        ahead = self._second_point - self._planner.groove_point(state.T_b_f)
         self._along_b, self._second_length = unit_vector(ahead), path.length
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, 0.0)
         return self._scan_on(path)
@@ -127,23 +128,40 @@ class ContinuousScanner(Scanner):
         """Go on from where the arm stands, at the last section of a scan that was interrupted."""
         sections = self._log.sections
         self._lay_clock(self._setup.arm.state())
-        self._second_length = groove_length(_taught(sections))
+        origins = np.array([section.T_b_g[:3, 3] for section in sections])
+        from_second = np.linalg.norm(origins - self._second_point, axis=1)
+        self._second_length = groove_length(sections[: 1 + int(from_second.argmin())])
         return self._scan_on(self._standing(groove_length(sections)))
 
     def _scan_on(self, path: FollowedPath) -> ScanResult:
-        """Follow, and make a step where nothing leads on, until the plan is fulfilled."""
+        """Follow until the plan is fulfilled; where the arm rests before, from the last section.
+
+        Where that led no further than before, a step is made as the stepwise scan makes it.
+        """
+        reached = self._length
         while True:
             self._follow(path)
             if (stop := self._reason_to_stop()) is not None:
                 return self._end_scan(stop)
-            if not self._stop.asks_for_rest:
-                why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
-                self._log.record_event(ScanEvent.STEPWISE, why)
-            if (ended := self._make_step(self._plan.step)) is not None:
+            if (ended := self._wait_for_permission()) is not None:
                 return ended
-            last, before = self._log.sections[-1], self._log.sections[-2]
-            gone = float(np.linalg.norm(last.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
-            path = self._standing(self._length + gone)
+            why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
+            sections = self._log.sections
+            if len(planning_sections(sections)) == 1:  # the arm rests at the second taught pose
+                self._scan_taught("second", self._setup.arm.state())
+                length = self._second_length
+            elif self._length > reached:
+                self._log.record_event(ScanEvent.RETREAT, why)
+                last = sections[-1].view
+                self._taker.move_joint_to_pose(last.T_b_f, near=last.q)
+                length = self._length
+            else:
+                self._log.record_event(ScanEvent.STEPWISE, why)
+                if (ended := self._make_step(self._plan.step)) is not None:
+                    return ended
+                length = self._length + float(_chords(sections[-2:])[0])
+            path = self._standing(length)
+            reached = length
 
     def _standing(self, length: float) -> FollowedPath:
         """No path yet, from the section before which the arm stands."""
@@ -162,18 +180,18 @@ class ContinuousScanner(Scanner):
                 self._stop.raise_if_stop_now()
                 for state, profile in placed:
                     self._take(state, profile)
-                if self._length >= self._planned_length + PLANNING_SPACING:
+                if self._stop.asks_for_rest:
+                    path = self._lead_to_rest(following, path)
+                elif self._length >= self._planned_length + PLANNING_SPACING:
                     self._planned_length = self._length
                     path = self._lead_on(following, path)
-                if self._poses.latest > path.end + SETTLING_TIME:
+                # A laser that is silent is waited for.
+                if placed and placed[-1][0].time > path.end + SETTLING_TIME:
                     return
 
     def _take(self, state: ArmState, profile: Profile) -> None:
         """Record a profile that was taken in passing, and read the sections it completes."""
-        index, T_b_s = len(self._log.sections), state.T_b_f @ self._setup.T_f_s
-        passing = Substep.PASSING
-        view = ProfileView(index, passing, state.T_b_f, T_b_s, profile, state.time, state.q)
-        self._log.record(view)
+        view = self._record_view(state, profile)
         for length, fused in self._fuser.add(view, self._along_b):
             if length > self._end_length:
                 return
@@ -181,6 +199,20 @@ class ContinuousScanner(Scanner):
                 self._read(length, replace(fused, index=len(self._log.sections)))
             except errors.GrooveNotFound as error:
                 self._why_not_on = str(error)
+
+    def _record_view(self, state: ArmState, profile: Profile) -> ProfileView:
+        """Record a profile taken in passing, its time on the arm's clock.
+
+        The one with which the second taught pose is passed counts as taught.
+        """
+        past = self._fuser.gone >= self._second_length > 0
+        substep = Substep.TAUGHT if past and not self._passed_second else Substep.PASSING
+        self._passed_second |= past
+        profile = replace(profile, time=state.time, time_uncertainty=self._clock.sigma)
+        T_b_s, index = state.T_b_f @ self._setup.T_f_s, len(self._log.sections)
+        view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
+        self._log.record(view)
+        return view
 
     def _read(self, length: float, view: ProfileView) -> None:
         """Read a section in the profiles about a place.
@@ -195,10 +227,10 @@ class ContinuousScanner(Scanner):
             return self._plan.target_pose_in_sensor(groove.work_angle)
 
         self._log.record(view)
-        before = planning_sections(self._log.sections)
-        section = sections_before.read_section(self._setup.read, view, wanted, before)
+        finished = self._log.sections
+        section = sections_before.read_section(self._setup.read, view, wanted, finished)
         sections_before.check_section_orientation(section.groove)
-        if len(before) > 1:
+        if len(before := planning_sections(finished)) > 1:
             last = before[-2]
             gone = float((section.T_b_g[:3, 3] - last.T_b_g[:3, 3]) @ self._along_b)
             step = max(gone, PLANNING_SPACING)
@@ -212,7 +244,7 @@ class ContinuousScanner(Scanner):
         """Lead the path on along the seam that the sections show, if it can be."""
         sections = planning_sections(self._log.sections)
         end = self._end_length + self._plan.section_spacing
-        if len(sections) < FEWEST_SECTIONS_TO_PLAN or self._stop.asks_for_rest:
+        if len(sections) < FEWEST_SECTIONS_TO_PLAN:
             return path
         try:
             seam = predict_seam(sections, self._plan, self._plan.horizon)
@@ -223,6 +255,19 @@ class ContinuousScanner(Scanner):
             self._why_not_on = str(error)
             return path
         return new
+
+    def _lead_to_rest(self, following: Following, path: FollowedPath) -> FollowedPath:
+        """Let the path end as soon as the arm can rest on it."""
+        try:
+            new = self._planner.shorten(path, self._poses.latest)
+            following.replace(new.motion)
+        except (errors.PoseUnreachable, errors.PathNotExtended):
+            return path
+        return new
+
+    @property
+    def _length_gone(self) -> float:
+        return self._length - self._second_length
 
     @property
     def _end_length(self) -> float:
@@ -245,12 +290,14 @@ class ContinuousScanner(Scanner):
         LaserFault
             If the groove is not seen, or no offset lets it stand still.
         """
-        seen, path = [], self._planner.shuttle(state.q, state.time)
+        profiles, seen = [], []
+        path = self._planner.shuttle(state.q, state.time)
         with start_following(self._setup.arm) as following:
             following.replace(path.motion)
             for profile in self._stream.profiles(following):
                 self._stop.raise_if_stop_now()
                 if profile is not None:
+                    profiles.append(profile)
                     try:
                         seen.append((profile.time, self._setup.read(profile, prior=None)))
                     except errors.GrooveNotFound as error:
@@ -265,6 +312,9 @@ class ContinuousScanner(Scanner):
             )
         offset, sigma = clock_offset(ShuttleViews.of_sections(seen), self._poses, self._setup.T_f_s)
         self._clock = LaserClock(offset, sigma, since=seen[len(seen) // 2][0])
+        for profile in profiles:
+            if self._poses.cover(time := self._clock.arm_time(profile.time)):
+                self._record_view(self._poses.at(time), profile)
         self._log.record_event(
             ScanEvent.CLOCK,
             f"the arm's clock is {1e3 * offset:.2f} ± {1e3 * sigma:.2f} ms ahead of the laser's, "
@@ -272,6 +322,7 @@ class ContinuousScanner(Scanner):
         )
 
 
-def _taught(sections: Sections) -> Sections:
-    """The sections up to the second taught pose."""
-    return sections[:1]
+def _chords(sections: Sections) -> Array:
+    """Distances from section to section, metres, one fewer than these."""
+    origins = np.array([section.T_b_g[:3, 3] for section in sections])
+    return np.asarray(np.linalg.norm(np.diff(origins, axis=0), axis=1))

@@ -11,13 +11,9 @@ from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array, array_dataclass, unit_vector
 from tjscan.scanning import seam_fit
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ScannedSection, Sections
+from tjscan.scanning.section import Sections
 from tjscan.scanning.smooth import ExpectedSection, wall_and_leg
 from tjscan.scanning.target import target_pose_along
-
-PLANNING_SPACING: Final = 8e-3
-"""Metres between the sections that the seam is fitted to: they look back as far as those of a
-stepwise scan."""
 
 FIRST_DISTANCE: Final = 6e-3
 PREDICTION_SPACING: Final = 12e-3
@@ -45,18 +41,6 @@ class SeamAhead:
     lengths: Array
     T_b_t: Array
     T_b_s: Array
-
-
-def planning_sections(sections: Sections) -> list[ScannedSection]:
-    """The last sections that are `PLANNING_SPACING` or more from each other, the oldest first."""
-    chosen = [sections[-1]]
-    for section in reversed(sections):
-        origin = chosen[-1].T_b_g[:3, 3]
-        if np.linalg.norm(section.T_b_g[:3, 3] - origin) >= PLANNING_SPACING:
-            chosen.append(section)
-            if len(chosen) == seam_fit.MOST_RECENT_SECTIONS:
-                break
-    return chosen[::-1]
 
 
 def predict_seam(sections: Sections, plan: ScanPlan, farthest: float) -> SeamAhead:
