@@ -47,6 +47,9 @@ SAFETY_STOP_DECELERATION: Final = 2.0
 UNSUPERVISED_MOVE_LIMIT: Final = WATCHDOG_PERIOD
 """Seconds for which a move may go unfollowed: as long as the controller waits for this process."""
 
+PROGRAM_END_LIMIT: Final = 2.0
+"""Seconds within which the library's link shows that a program has ended."""
+
 SILENCE_MEMORY: Final = 10.0
 """Seconds for which a silence is remembered: longer than its consequences take to be seen."""
 
@@ -204,11 +207,14 @@ class RtdeClient:
         """Let the arm come to rest on its path; that program ends then."""
         self._knot_link.stop()
 
-    def end_following(self) -> None:
+    def end_following(self) -> bool:
         """Close the link to that program, and start the control script again."""
         self._knot_link.close()
         self._watched = self._foreign = False
-        self._control.reuploadScript()
+        until = time.monotonic() + PROGRAM_END_LIMIT
+        while self._control.isProgramRunning() and time.monotonic() < until:
+            time.sleep(1 / RTDE_HZ)  # this link may be late, and would start nothing
+        return bool(self._control.reuploadScript())
 
     @property
     def _knot_link(self) -> KnotLink:

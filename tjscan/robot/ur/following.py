@@ -252,4 +252,4 @@ def _finish(session: ControllerSession) -> None:
             session.dashboard.stop_program()
             break
         time.sleep(MOVE_POLL_PERIOD)
-    session.call_client_method(NoneType, "end_following")
+    session.call_client_method(bool, "end_following")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import ceil
 from typing import Final, Self
 
@@ -62,6 +63,11 @@ class FollowedPath:
         still = CubicSpline((length - SLOPE_LENGTH, length), (q, q))
         times = np.array((time - 1.0, time))
         return cls(still, LengthOverTime(times, np.full(2, length), np.zeros(2)))
+
+    def begun_from_rest(self, now: float) -> Self:
+        """The same a planning time after a moment: an arm takes its time until it can follow."""
+        times = self.gone.times + (now + PLANNING_TIME - self.gone.times[0])
+        return replace(self, gone=replace(self.gone, times=times))
 
     @property
     def leads_on(self) -> bool:

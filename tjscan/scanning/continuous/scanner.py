@@ -175,6 +175,7 @@ class ContinuousScanner(Scanner):
         """Follow a path, leading it on along the groove, until the arm rests at its end."""
         with start_following(self._setup.arm) as following:
             if path.leads_on:
+                path = path.begun_from_rest(self._setup.arm.state().time)
                 following.replace(path.motion)
             for placed in self._stream.placed(following, self._clock):
                 self._stop.raise_if_stop_now()
@@ -293,6 +294,7 @@ class ContinuousScanner(Scanner):
         profiles, seen = [], []
         path = self._planner.shuttle(state.q, state.time)
         with start_following(self._setup.arm) as following:
+            path = path.begun_from_rest(self._setup.arm.state().time)
             following.replace(path.motion)
             for profile in self._stream.profiles(following):
                 self._stop.raise_if_stop_now()
