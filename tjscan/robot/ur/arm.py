@@ -101,7 +101,9 @@ def _begin_session(session: ControllerSession, kinematics: Kinematics) -> None:
 
 def _set_up_control_script(session: ControllerSession) -> None:
     _await_control_script(session)
-    session.call_client_method(bool, "start_watchdog")
+    for late in _polls_until_limit(session.latch):  # commands wait for a link of their own
+        if session.call_client_method(bool, "start_watchdog") or late:
+            break
     _set_tcp(session)
     _set_payload(session)
 

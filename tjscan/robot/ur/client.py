@@ -212,9 +212,9 @@ class RtdeClient:
         self._knot_link.close()
         self._watched = self._foreign = False
         until = time.monotonic() + PROGRAM_END_LIMIT
-        while self._control.isProgramRunning() and time.monotonic() < until:
-            time.sleep(1 / RTDE_HZ)  # this link may be late, and would start nothing
-        return bool(self._control.reuploadScript())
+        while not (begun := bool(self._control.reuploadScript())) and time.monotonic() < until:
+            time.sleep(1 / RTDE_HZ)  # it is late to see that the other program has ended
+        return begun
 
     @property
     def _knot_link(self) -> KnotLink:
