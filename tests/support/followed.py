@@ -92,3 +92,23 @@ class FollowingController:
         self.times.append(self.now)
         self.targets.append(self.controller.target)
         self.actual.append(self.controller.q)
+
+
+def gentle_path(random: Generator, before: JointMotion, start: float) -> JointMotion:
+    """A path as scans have them: slow enough that an arm which lags behind keeps on it."""
+    q, speed = before.at(start)
+    goals = START + random.uniform(-0.1, 0.1, (1, 6))
+    times = start + np.array((0.0, 2.5))
+    spline = CubicSpline(times, np.vstack((q, goals)), bc_type=((1, speed), (1, np.zeros(6))))
+    knots = np.linspace(*times, 60)
+    speeds = spline(knots, 1)
+    speeds[-1] = 0.0
+    return JointMotion(knots, spline(knots), speeds)
+
+
+def distance_from_paths(q: Array, paths: list[JointMotion]) -> float:
+    """Largest angle between joint angles and the nearest that lie on any of some paths, radians."""
+    return min(
+        float(np.abs(path.at(np.arange(path.times[0], path.end + 2e-3, 2e-3))[0] - q).max(1).min())
+        for path in paths
+    )

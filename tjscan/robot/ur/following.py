@@ -173,12 +173,7 @@ class UrFollowing:
             self._session.read_state()  # its fault, by name
             time.sleep(NEXT_STATE_REPORT_DELAY)
         else:
-            raise self._session.end_session_for_fault(
-                errors.ArmConnectionLost(
-                    "the arm's controller no longer reports where it is on its path. See that the "
-                    "arm is at rest and its network cable sits, then start again."
-                )
-            )
+            raise self._session.end_session_for_fault(_fault_of_path(report))
         for at, *values in report.states:
             T_b_f = pose_vector.pose_from_vector(np.array(values[6:])) @ self._session.T_tcp_f
             self._states.append(ArmState(np.array(values[:6]), T_b_f, at))
@@ -221,6 +216,24 @@ class UrFollowing:
             if not self._answered:
                 time.sleep(MOVE_POLL_PERIOD)
                 self._refresh()
+
+
+def _fault_of_path(report: PathReport) -> errors.ArmFault:
+    """Fault that the reports of a path show, where the controller's state shows none."""
+    if report.silence == np.inf:
+        return errors.ArmConnectionLost(
+            "the link on which the arm's controller takes its path broke. See that the arm is at "
+            "rest and its network cable sits, then start again."
+        )
+    if report.runs:
+        return errors.ArmNotResponding(
+            f"the arm's controller reports nothing of its path for {report.silence:.1f} s. See "
+            "that the arm is at rest, look at its pendant and cable, then start again."
+        )
+    return errors.ProgramStopped(
+        "the arm's controller ended the program that follows the path. Read its log, then start "
+        "again."
+    )
 
 
 @contextmanager
