@@ -19,9 +19,7 @@ def ur_loopback(
     realtime: Annotated[bool, Parameter(negative="--fast")] = True,
     home_deg: tuple[float, float, float, float, float, float] = (-110, -95, 160, 105, -110, 0),
     calibration_seed: int | None = None,
-    clock_s: float = 0.0,
-    clock_ppm: float = 0.0,
-    packet_seed: int = 0,
+    clock: tuple[float, float] = (0.0, 0.0),
     attached: bool = False,
 ) -> None:
     """Simulate a Universal Robots controller on this machine, until interrupted.
@@ -48,12 +46,8 @@ def ur_loopback(
     calibration_seed
         Draws a calibration of the arm's own, some tenths of a millimetre, which the controller
         states and follows; without it the arm is as its model has it.
-    clock_s
-        What its clock shows at first, seconds.
-    clock_ppm
-        By how many millionths its clock runs fast.
-    packet_seed
-        Decides which packets are affected by their faults.
+    clock
+        What its clock shows at first, in seconds, and by how many millionths it runs fast.
     attached
         End when stdin ends.
     """
@@ -67,9 +61,7 @@ def ur_loopback(
         fast=not realtime,
         attached=attached,
         calibration_seed=calibration_seed,
-        clock=clock_s,
-        clock_ppm=clock_ppm,
-        packet_seed=packet_seed,
+        clock=clock,
     )
 
 

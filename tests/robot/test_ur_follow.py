@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from tjscan.core import errors
 from tjscan.core.frames import Array, pose
 from tjscan.robot.arm import ArmState
 from tjscan.robot.following import Following, JointMotion
+from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.following import UrFollowing
 from tjscan_loopback.process import UrLoopbackProcess
@@ -34,7 +35,7 @@ CLOCK = 5000.0
 @pytest.fixture(scope="module")
 def running() -> Iterator[UrLoopbackProcess]:
     degrees = [f"{angle:.9f}" for angle in np.degrees(START)]
-    options = ("--hz", "500", "--fast", "--clock-s", str(CLOCK), "--clock-ppm", "80")
+    options = ("--hz", "500", "--fast", "--clock", str(CLOCK), "80")
     with UrLoopbackProcess(address(), *options, "--home-deg", *degrees) as loopback:
         yield loopback
 
@@ -97,6 +98,18 @@ class Follower:
         return max(distance_from_paths(state.q, self.paths) for state in self.states[::20])
 
 
+def lead_into(
+    arm: UrArm, paths: list[JointMotion], come: Callable[[], object], seconds: float
+) -> None:
+    """Lead an arm along paths, which are remembered, until something comes, and on."""
+    with arm.follow() as following:
+        follower = Follower(following, seed=3)
+        follower.paths = paths
+        follower.lead(1.0)
+        come()
+        follower.lead(seconds)
+
+
 def joint_angles(loopback: UrLoopbackProcess) -> Array:
     """Joint angles that another client sees."""
     from rtde_receive import RTDEReceiveInterface
@@ -148,13 +161,11 @@ def test_the_arm_follows_to_the_end_and_moves_as_before_afterwards(
 def test_a_fault_is_told_by_its_name_and_the_arm_rests_on_its_path(
     loopback: UrLoopbackProcess, fault: str, error: type[errors.ArmFault]
 ) -> None:
-    with arm_at(loopback.host) as arm, pytest.raises(error), arm.follow() as following:
-        follower = Follower(following, 3)
-        follower.lead(1.0)
-        loopback.schedule_fault(fault)
-        follower.lead(8.0)
+    paths: list[JointMotion] = []
+    with arm_at(loopback.host) as arm, pytest.raises(error):
+        lead_into(arm, paths, lambda: loopback.schedule_fault(fault), 8.0)
     await_end_of_program(loopback)
-    assert distance_from_paths(joint_angles(loopback), follower.paths) < BESIDE
+    assert distance_from_paths(joint_angles(loopback), paths) < BESIDE
 
 
 @pytest.mark.parametrize(
@@ -200,24 +211,23 @@ def test_at_half_speed_the_same_path_takes_twice_as_long(loopback: UrLoopbackPro
 
 
 def test_a_stop_brings_it_to_rest_on_its_path(loopback: UrLoopbackProcess) -> None:
+    paths: list[JointMotion] = []
     with arm_at(loopback.host) as arm:
-        with pytest.raises(errors.ArmFault, match="stopped on its path"), arm.follow() as following:
-            follower = Follower(following, 7)
-            follower.lead(1.0)
-            threading.Timer(0.3, arm.stop).start()
-            follower.lead(3.0)
-        assert distance_from_paths(arm.state().q, follower.paths) < BESIDE
+        with pytest.raises(errors.ArmFault, match="stopped on its path"):
+            lead_into(arm, paths, threading.Timer(0.3, arm.stop).start, 3.0)
+        assert distance_from_paths(arm.state().q, paths) < BESIDE
 
 
 def test_without_the_client_the_arm_rests_at_the_end_of_its_path(
     loopback: UrLoopbackProcess,
 ) -> None:
     """The process that sends knots is gone, as when this computer fails."""
-    with arm_at(loopback.host) as arm, pytest.raises(errors.ArmFault), arm.follow() as following:
-        follower = Follower(following, 8)
-        follower.lead(1.0)
+    paths: list[JointMotion] = []
+
+    def vanish() -> None:
         arm._connected_session.link._process.kill()
-        time.sleep(4.0)
-        loopback.wait_for_line("program stopped")
-        follower.look()
-    assert distance_from_paths(joint_angles(loopback), follower.paths) < BESIDE
+        await_end_of_program(loopback)
+
+    with arm_at(loopback.host) as arm, pytest.raises(errors.ArmFault):
+        lead_into(arm, paths, vanish, 1.0)
+    assert distance_from_paths(joint_angles(loopback), paths) < BESIDE

@@ -10,7 +10,12 @@ from ur_cell import HOME, KINEMATICS
 from tjscan.core.frames import Array
 from tjscan.robot.following import JointMotion
 from tjscan.robot.ur.following import following_program
-from tjscan.robot.ur.knot_link import ACKNOWLEDGED, PATH_TIME, VERDICT, knot_packages
+from tjscan.robot.ur.knot_link import (
+    ACKNOWLEDGED_REGISTER,
+    PATH_TIME_REGISTER,
+    VERDICT_REGISTER,
+    knot_packages,
+)
 from tjscan_loopback.ur.controller import LoopbackController
 
 HZ = 500.0
@@ -60,11 +65,11 @@ class FollowingController:
 
     @property
     def now(self) -> float:
-        return self.controller.output_double[PATH_TIME]
+        return self.controller.output_double[PATH_TIME_REGISTER]
 
     @property
     def verdict(self) -> int:
-        return self.controller.output_int[VERDICT]
+        return self.controller.output_int[VERDICT_REGISTER]
 
     def send(self, epoch: int, path: JointMotion, first: int) -> None:
         """Begin to send an epoch, a package a tick."""
@@ -79,7 +84,7 @@ class FollowingController:
     def advance(self, *, connected: bool = True) -> None:
         """Let a tick pass; the packages that are not acknowledged are sent again and again."""
         if connected:
-            self.waiting.pop(self.controller.output_int[ACKNOWLEDGED], None)
+            self.waiting.pop(self.controller.output_int[ACKNOWLEDGED_REGISTER], None)
             self._beat += 1.0
             registers = np.zeros(24)
             if self.waiting:
@@ -100,7 +105,7 @@ def gentle_path(random: Generator, before: JointMotion, start: float) -> JointMo
     goals = START + random.uniform(-0.1, 0.1, (1, 6))
     times = start + np.array((0.0, 2.5))
     spline = CubicSpline(times, np.vstack((q, goals)), bc_type=((1, speed), (1, np.zeros(6))))
-    knots = np.linspace(*times, 60)
+    knots = np.linspace(start, start + 2.5, 60)
     speeds = spline(knots, 1)
     speeds[-1] = 0.0
     return JointMotion(knots, spline(knots), speeds)

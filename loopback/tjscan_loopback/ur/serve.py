@@ -26,9 +26,7 @@ def run_loopback_server(
     fast: bool,
     attached: bool,
     calibration_seed: int | None = None,
-    clock: float = 0.0,
-    clock_ppm: float = 0.0,
-    packet_seed: int = 0,
+    clock: tuple[float, float] = (0.0, 0.0),
 ) -> None:
     """Run the loopback controller's server until interrupted, or until an attached stdin ends.
 
@@ -61,8 +59,7 @@ def run_loopback_server(
         hz=hz,
         fast=fast,
         report_line=print_line,
-        clock=clock,
-        packet_seed=packet_seed,
+        clock=clock[0],
     )
-    server = LoopbackServer(controller, model, host, hz, print_line, dh, 1 + 1e-6 * clock_ppm)
+    server = LoopbackServer(controller, model, host, hz, print_line, dh, 1 + 1e-6 * clock[1])
     asyncio.run(server.run(attached=attached))

@@ -25,27 +25,6 @@ from tjscan.robot.ur.knot_link import PathReport
 from tjscan.robot.ur.moving import MOVE_POLL_PERIOD, start_program
 from tjscan.robot.ur.session import NEXT_STATE_REPORT_DELAY, ControllerSession
 
-LOOKAHEAD, GAIN = 0.03, 300
-"""How closely servoing follows: seconds, and the controller's own number."""
-
-STOPPING_TIME: Final = 0.4
-"""Seconds in which the arm comes to rest on its path when it is stopped."""
-
-SETTLING_TIME: Final = 0.1
-"""Seconds after that until the program ends: the arm lags behind."""
-
-TAKEOVER_GUARD: Final = 0.01
-"""Seconds before the first new knot until which the program takes a path over."""
-
-JOINING_GAP: Final = 1e-3
-"""Radians, over all joints, between set-points of the path before and of a new one."""
-
-LARGEST_JUMP: Final = 0.02
-"""Radians, over all joints, from a set-point to the next: faster than any arm turns."""
-
-LONGEST_SILENCE: Final = 1.0
-"""Seconds after which the program ends that hears nothing, once the arm rests."""
-
 SHORTEST_PIECE: Final = 5e-4
 """Seconds between two knots at least."""
 
@@ -63,24 +42,10 @@ def following_program() -> str:
     """The program that follows knots, in URScript."""
     zeros = "[" + ", ".join(["0.0"] * 2 * knot_link.MOST_KNOTS) + "]"
     text = files("tjscan.robot.ur").joinpath("following.urscript").read_text(encoding="utf-8")
-    return Template(text).substitute(
-        bank=knot_link.MOST_KNOTS,
-        times=zeros,
-        came=zeros.replace("0.0", "0"),
-        knots="[" + ", ".join([zeros[1:-1]] * 6) + "]",
-        head=knot_link.FIRST_REGISTER,
-        acknowledged=knot_link.ACKNOWLEDGED,
-        verdict=knot_link.VERDICT,
-        path_time=knot_link.PATH_TIME,
-        guard=TAKEOVER_GUARD,
-        joining_gap=JOINING_GAP,
-        largest_jump=LARGEST_JUMP,
-        stopping_time=STOPPING_TIME,
-        settled=-SETTLING_TIME / STOPPING_TIME,
-        longest_silence=LONGEST_SILENCE,
-        lookahead=LOOKAHEAD,
-        gain=GAIN,
-    )
+    knots = "[" + ", ".join([zeros[1:-1]] * 6) + "]"
+    came = zeros.replace("0.0", "0")
+    bank = knot_link.MOST_KNOTS
+    return Template(text).substitute(bank=bank, times=zeros, came=came, knots=knots)
 
 
 def extended_path(before: JointMotion, later: JointMotion, now: float) -> tuple[JointMotion, int]:
@@ -104,13 +69,15 @@ def extended_path(before: JointMotion, later: JointMotion, now: float) -> tuple[
     before.replaced_by(later, now)
     start = float(later.times[0])
     q, speed = before.at(start)
-    behind = before.times < start - SHORTEST_PIECE
-    behind &= before.times >= before.times[before.times <= now].max(initial=before.times[0])
+    begun = max(int(np.searchsorted(before.times, now, side="right")) - 1, 0)
+    behind = slice(
+        begun, max(int(np.searchsorted(before.times, start - SHORTEST_PIECE)), begun + 1)
+    )
     parts = (
-        np.concatenate((mine[behind], joint[None], new[1:]))
+        np.concatenate((mine[behind], np.array([joint]), new[1:]))
         for mine, joint, new in zip(
             (before.times, before.q, before.speed),
-            (np.float64(start), q, speed),
+            (start, q, speed),
             (later.times, later.q, later.speed),
             strict=True,
         )
@@ -121,7 +88,7 @@ def extended_path(before: JointMotion, later: JointMotion, now: float) -> tuple[
             f"a path to follow has {len(path.times)} knots from where the arm is, "
             f"{knot_link.MOST_KNOTS} are possible"
         )
-    return path, int(behind.sum())
+    return path, behind.stop - begun
 
 
 class UrFollowing:
@@ -225,14 +192,9 @@ def _fault_of_path(report: PathReport) -> errors.ArmFault:
             "the link on which the arm's controller takes its path broke. See that the arm is at "
             "rest and its network cable sits, then start again."
         )
-    if report.runs:
-        return errors.ArmNotResponding(
-            f"the arm's controller reports nothing of its path for {report.silence:.1f} s. See "
-            "that the arm is at rest, look at its pendant and cable, then start again."
-        )
-    return errors.ProgramStopped(
-        "the arm's controller ended the program that follows the path. Read its log, then start "
-        "again."
+    return errors.ArmNotResponding(
+        f"the arm's controller reports nothing of its path for {report.silence:.1f} s. See "
+        "that the arm is at rest, look at its pendant and cable, then start again."
     )
 
 

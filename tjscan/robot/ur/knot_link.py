@@ -24,10 +24,10 @@ FOLLOWING_HZ: Final = 500.0
 """Times a second that the controller publishes: each of its ticks."""
 
 FIRST_REGISTER: Final = 24
-REGISTERS: Final = 24
+REGISTER_COUNT: Final = 24
 """Registers of an e-Series that are free for programs of one's own."""
 
-ACKNOWLEDGED, VERDICT, PATH_TIME = 24, 25, 24
+ACKNOWLEDGED_REGISTER, VERDICT_REGISTER, PATH_TIME_REGISTER = 24, 25, 24
 """Numbers of the output registers: the package and the epoch that came last; the epoch that is
 followed, negative if it was refused; seconds on the path."""
 
@@ -48,12 +48,12 @@ CONNECTION_LIMIT: Final = 2.0
 """Seconds that an answer may take."""
 
 _HEADER: Final = Struct(">HB")
-_INPUTS: Final = Struct(f">B{REGISTERS}d")
+_INPUTS: Final = Struct(f">B{REGISTER_COUNT}d")
 _OUTPUTS: Final = Struct(">Bd6d6dIiid")
 _OUTPUT_NAMES: Final = (
     "timestamp,actual_q,actual_TCP_pose,runtime_state,"
-    f"output_int_register_{ACKNOWLEDGED},output_int_register_{VERDICT},"
-    f"output_double_register_{PATH_TIME}"
+    f"output_int_register_{ACKNOWLEDGED_REGISTER},output_int_register_{VERDICT_REGISTER},"
+    f"output_double_register_{PATH_TIME_REGISTER}"
 )
 
 
@@ -127,12 +127,12 @@ class KnotLink:
         self._open = True
         self._ask("V", b"\0\2")
         kinds = self._ask("O", Struct(">d").pack(FOLLOWING_HZ) + _OUTPUT_NAMES.encode())[1:]
-        names = (f"input_double_register_{FIRST_REGISTER + i}" for i in range(REGISTERS))
+        names = (f"input_double_register_{FIRST_REGISTER + i}" for i in range(REGISTER_COUNT))
         answer = self._ask("I", ",".join(names).encode())
         if b"NOT_FOUND" in kinds or b"IN_USE" in answer or b"NOT_FOUND" in answer:
             raise OSError("its registers from 24 on are in use, or it has none")
         self._recipe = answer[0]
-        self._send_package(np.zeros(REGISTERS))  # what was written before counts for nothing
+        self._send_package(np.zeros(REGISTER_COUNT))  # what was written before counts for nothing
         self._ask("S", b"")
         self._heard = self._sent = time.monotonic()
         threading.Thread(target=self._run, daemon=True).start()
@@ -180,7 +180,7 @@ class KnotLink:
 
     def _send_next(self) -> None:
         with self._lock:
-            registers = self._waiting[0][1].copy() if self._waiting else np.zeros(REGISTERS)
+            registers = self._waiting[0][1].copy() if self._waiting else np.zeros(REGISTER_COUNT)
             self._waiting.rotate(-1)
         if registers[0] or self._stop or time.monotonic() - self._sent > HEARTBEAT_PERIOD:
             self._beat += 1.0
