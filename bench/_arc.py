@@ -27,24 +27,24 @@ SPEED: Final = 5e-3
 LIMITS: Final = ArcLimits(preflow=0.05, postflow=0.05, crater=0.05)
 
 
-def free_port() -> int:
+def free_port(host: str = HOST) -> int:
     """A port of the loopback power source's address that no one listens on."""
     with socket.socket() as probe:
-        probe.bind((HOST, 0))
+        probe.bind((host, 0))
         return int(probe.getsockname()[1])
 
 
 @contextmanager
 def loopback_power_source(
-    settings: ModbusPowerSettings,
+    settings: ModbusPowerSettings, host: str = HOST
 ) -> Iterator[tuple[PowerLoopbackProcess, ModbusPowerSettings]]:
     """A loopback power source with these registers, and the settings that reach it."""
-    port = free_port()
+    port = free_port(host)
     with TemporaryDirectory() as folder:
         job = Path(folder) / "power.toml"
         job.write_text(tomli_w.dumps({"power": {"modbus": table_to_dict(settings)}}))
-        with PowerLoopbackProcess(job, HOST, port) as process:
-            yield process, replace(settings, host=HOST, port=port)
+        with PowerLoopbackProcess(job, host, port) as process:
+            yield process, replace(settings, host=host, port=port)
 
 
 class RealTimeArc:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from _arc import LIMITS
+from _arc import LIMITS, loopback_power_source
 
 from tjscan.core.errors import PowerFault
 from tjscan.planning.wps import read_wps
@@ -32,6 +33,9 @@ PATIENCE: Final = 1.0
 
 MOST_ARCS: Final = 4
 """Arcs for a stretch; the first has the fault, and a second one ends it."""
+
+SOURCES, FIRST_HOST = 4, 10
+"""Sources at the same time, and the last number of the first one's address."""
 
 STATES: Final = tuple(
     one for one in ArcPhase if one not in (ArcPhase.IDLE, ArcPhase.DONE, ArcPhase.FAILED)
@@ -122,15 +126,27 @@ class FaultOutcome:
     twice: float
 
 
-def draw_faults(
-    process: PowerLoopbackProcess, settings: ModbusPowerSettings, count: int, seed: int
-) -> Iterator[FaultOutcome]:
-    """Weld stretches, with a fault in each; every state comes equally often."""
-    rng = np.random.default_rng(seed)
+def draw_faults(settings: ModbusPowerSettings, count: int, seed: int) -> list[FaultOutcome]:
+    """Weld stretches, with a fault in each; every state comes equally often.
+
+    They are waits for the most part, so a few sources are welded with at the same time.
+    """
+    rng, drawn = np.random.default_rng(seed), list[tuple[ArcPhase, OrderedFault, int]]()
     for k in range(count):
-        state = STATES[k % len(STATES)]
         fault = OrderedFault(rng.choice(list(OrderedFault)))
-        yield weld_with_fault(process, settings, state, fault, int(rng.integers(0, 12)))
+        drawn.append((STATES[k % len(STATES)], fault, int(rng.integers(0, 12))))
+    with ProcessPoolExecutor(SOURCES) as pool:
+        parts = [drawn[k::SOURCES] for k in range(SOURCES)]
+        found = pool.map(partial(_weld_with_faults, settings), range(SOURCES), parts)
+        return [one for part in found for one in part]
+
+
+def _weld_with_faults(
+    settings: ModbusPowerSettings, number: int, drawn: list[tuple[ArcPhase, OrderedFault, int]]
+) -> list[FaultOutcome]:
+    """Weld one stretch after the other with one source."""
+    with loopback_power_source(settings, f"127.0.0.{FIRST_HOST + number}") as (process, reached):
+        return [weld_with_fault(process, reached, *one) for one in drawn]
 
 
 def weld_with_fault(

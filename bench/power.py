@@ -107,12 +107,12 @@ def measure() -> Iterator[Row]:
             longest, off = find(function)
             yield Row(f"{name}, worst of {REPEATS}", 1e3 * longest, limit, "ms")
             yield Row(f"{name.partition(':')[0]}: arc off afterwards", 100 * off, 100, "%", 100)
-        yield from fault_rows(process, reached)
+    yield from fault_rows(settings)
 
 
-def fault_rows(process: PowerLoopbackProcess, settings: ModbusPowerSettings) -> Iterator[Row]:
+def fault_rows(settings: ModbusPowerSettings) -> Iterator[Row]:
     """Faults at every state: named, arc off, gone on with over an overlap, nothing twice."""
-    found = list(draw_faults(process, settings, FAULTS, FAULT_SEED))
+    found = draw_faults(settings, FAULTS, FAULT_SEED)
     for one in found:
         if not (one.named and one.off and one.whole) or one.twice > 1e-6:
             print(one, file=sys.stderr)

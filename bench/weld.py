@@ -3,9 +3,10 @@
 The planner is never scored on its own bead model alone: in one world beads are narrower, their
 contact angles others and gravity is 10° off; in another they obey other equations. Then the whole
 chain: the example's job with scan, arcs and looks, held against the simulation's truth, and the
-same all round the paper's joint, from two stations. ``--quick`` takes three seeds instead of
-twenty, one short chain instead of eight, and one look a layer all round; ``--first 321`` takes
-seeds from that on, instead of 201, for all but the chains; ``--part`` measures a part of the rows.
+same all round the paper's joint, from two stations. Then a crawl of ten planned passes along a butt
+joint. ``--quick`` takes three seeds instead of twenty, one short chain instead of eight, one look a
+layer all round, and 0.1 m of the crawl's metre; ``--first 321`` takes seeds from that on, instead
+of 201, for all but the chains; ``--part`` measures a part of the rows.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Final
 
 import numpy as np
 from _table import Row, main
-from _weld_chain import ChainOutcome, weld_chain, weld_ring
+from _weld_chain import ChainOutcome, weld_chain, weld_crawl, weld_ring
 from _weld_worlds import (
     CAP_HEIGHT,
     GrooveOfBench,
@@ -41,8 +42,9 @@ from tjscan.welding.world import WeldWorld
 OPTIONS = ArgumentParser(add_help=False, allow_abbrev=False)
 OPTIONS.add_argument("--quick", action="store_true")
 OPTIONS.add_argument("--first", type=int, default=201)
-OPTIONS.add_argument("--part", choices=("welds", "chain", "ring", "all"), default="all")
+OPTIONS.add_argument("--part", choices=("welds", "chain", "ring", "crawl", "all"), default="all")
 OPTIONS.add_argument("--ring-seed", type=int, default=431)
+OPTIONS.add_argument("--crawl-seed", type=int, default=451)
 CHOSEN, REST = OPTIONS.parse_known_args()
 QUICK = CHOSEN.quick
 SEEDS = range(CHOSEN.first, CHOSEN.first + (3 if QUICK else 20))
@@ -166,7 +168,8 @@ SURFACE_SHARES: Final = (
 
 def measure() -> Iterable[Row]:
     """All rows, or those of a part."""
-    for part, rows in (("welds", weld_rows), ("chain", chain_rows), ("ring", ring_rows)):
+    parts = {"welds": weld_rows, "chain": chain_rows, "ring": ring_rows, "crawl": crawl_rows}
+    for part, rows in parts.items():
         if CHOSEN.part in ("all", part):
             yield from rows()
 
@@ -211,6 +214,26 @@ def ring_rows() -> Iterable[Row]:
     looks = LookSchedule.LAYER if QUICK else LookSchedule.PASS
     name = f"all round from two stations, a look each {looks}, seed {CHOSEN.ring_seed}"
     return rows_of_chains(name, [weld_ring(CHOSEN.ring_seed, looks)])
+
+
+def crawl_rows() -> Iterable[Row]:
+    """Ten planned passes along a butt joint, by the crawler."""
+    length = 0.1 if QUICK else 1.0
+    found = weld_crawl(CHOSEN.crawl_seed, length)
+    if found.stopped:
+        print(found.stopped, file=sys.stderr)
+    name = f"crawl of {length:g} m, seed {CHOSEN.crawl_seed}"
+    yield Row(f"{name}: passes welded, of ten planned", found.passes, np.inf, at_least=10)
+    yield Row("… torch beside its path, rms of the worst pass", 1e3 * max(found.torch), 0.3, "mm")
+    yield Row("… fill error of a slice, rms", found.surface.fill_rms, 0.2, "mm")
+    yield Row("… cap, all points, rms", found.surface.cap_rms, 0.8, "mm")
+    for key, words, least in SURFACE_SHARES:
+        share = getattr(found.surface, key)
+        yield Row(f"… {words}", share, np.inf, "%", at_least=least)
+    yield Row("… torch's offset learnt, error", 1e3 * found.offset_error, 0.3, "mm")
+    inside = 100 * float(np.mean(np.abs(found.deviations) < 1.96))
+    name = f"… torch's deviation observed, {len(found.deviations)} looks: truth inside 95 %"
+    yield Row(name, inside, np.inf, "%", at_least=88)
 
 
 def rows_of_chains(name: str, chains: list[ChainOutcome]) -> Iterable[Row]:

@@ -10,12 +10,18 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from crawls import SHORT
 
-from tjscan.core.errors import CrawlStopped, VehicleLinkLost, VehicleStopped
+from tjscan.core.errors import CrawlStopped, GrooveNotFound, VehicleLinkLost, VehicleStopped
 from tjscan.crawler.contradiction import ContradictionWatch
-from tjscan.crawler.crawler import MOST_OFFSET_AT_REVERSAL, Crawler
+from tjscan.crawler.crawler import (
+    MOST_OFFSET_AT_REVERSAL,
+    UNREAD_HERE,
+    Crawler,
+    CrawlStart,
+)
 from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
@@ -345,8 +351,24 @@ def test_an_unsure_reading_tells_of_a_jump_by_less(
     assert (guard in ("knocked aside", "joint jumped")) == stops
 
 
-def test_it_says_what_it_waits_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("start", "hidden", "says"),
+    [
+        (None, False, "waits for steel below every corner"),
+        (None, True, "waits for the joint in view"),
+        (CrawlStart(1), True, f"waits for the joint in view{UNREAD_HERE}"),
+    ],
+)
+def test_it_says_what_it_waits_for(
+    tmp_path: Path, start: CrawlStart | None, hidden: bool, says: str
+) -> None:
     found, told = context(tmp_path), []
+
+    class Unread:
+        """A reader that the weld hides the joint from."""
+
+        def read(self, profile: Profile, travel: float) -> JointPlacement:
+            raise GrooveNotFound("no bevel", "the edges are gone", np.empty((0, 2)))
 
     class EndsWhenTold(Notes):
         def record(self, message: object) -> None:
@@ -356,8 +378,9 @@ def test_it_says_what_it_waits_for(tmp_path: Path) -> None:
 
     cell = make_crawl_cell(found.job)
     missing = WrongVehicle(cell.vehicle, lambda state: replace(state, proximity=(nan,) * 4))
+    reader = Unread() if hidden else None
     with cell, pytest.raises(KeyboardInterrupt):
         make_crawler(
-            found, replace(cell, vehicle=missing), found.make_method(), EndsWhenTold()
-        ).run()
-    assert told[0] == "waits for steel below every corner"
+            found, replace(cell, vehicle=missing), found.make_method(), EndsWhenTold(), reader
+        ).run(start)
+    assert told[0] == says

@@ -9,7 +9,7 @@ import pytest
 
 from tjscan.core.errors import ArmFault, ConfigurationError, PathNotExtended
 from tjscan.core.frames import Array
-from tjscan.robot.following import GUARD_TIME, JointMotion, start_following
+from tjscan.robot.following import GUARD_TIME, JointMotion, check_can_follow
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
 from tjscan.robot.replay import ReplayedArm
@@ -154,4 +154,4 @@ def test_the_error_of_a_moving_arm_is_as_large_as_at_rest_and_correlates_as_stat
 
 def test_an_arm_that_cannot_follow_is_refused_by_name() -> None:
     with pytest.raises(ConfigurationError, match="can't follow"):
-        start_following(ReplayedArm.__new__(ReplayedArm))
+        check_can_follow(ReplayedArm.__new__(ReplayedArm))

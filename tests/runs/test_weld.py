@@ -16,7 +16,7 @@ from command import tjscan
 from grooves import Groove, Noise, draw
 
 from tjscan.cli.output.weld import print_weld_log
-from tjscan.core.errors import ConfigurationError, WeldStopped
+from tjscan.core.errors import ConfigurationError, PowerLinkLost, WeldStopped
 from tjscan.core.frames import Array, pose
 from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
 from tjscan.groove.filled import KnownFlanks
@@ -248,7 +248,6 @@ def test_looks_find_what_goes_otherwise_than_set(welded: Path) -> None:
     looks = [one for one in read_recorded_weld(welded).looks if isinstance(one, LookMessage)]
     assert looks[0].beads == 0
     assert looks[-1].beads == len(read_recorded_weld(welded).beads)
-    assert looks[-1].offset == pytest.approx(0.5e-3, abs=0.3e-3)
     assert looks[-1].shrinkage == pytest.approx(1.2, abs=0.12)
 
 
@@ -284,6 +283,9 @@ def test_beads_on_a_horizontal_leg_are_held_and_stacked_from_it_up(welded: Path)
     order, planner = weld.order, weld.planner
     beads = read_recorded_weld(welded).beads
     assert planner is not None
+    # Gravity that pulls all of a few beads aside is hardly told from the wire's offset.
+    offset = planner.learner.offset
+    assert abs(offset.value - 0.5e-3) < 2 * offset.sigma < 0.7e-3
     width = planner.model.bead_width(np.array([bead.heat_input.mean() for bead in beads]))
     assert (width + order.weaves < 1.15 * planner.model.widest_on_slope(tilt).min()).all()
     last = [bead for bead in beads if bead.layer == len(order.counts) - 1]
@@ -415,6 +417,32 @@ def test_arc_is_out_and_recorded_whatever_fails(
     assert arcs[0].end == pytest.approx(0.03, abs=1e-4)
     assert isinstance(journal.kept[0], RunEvent)
     assert journal.kept[0].name == ARC_BEGUN_EVENT
+
+
+class SilentSource(SimulatedPowerSource):
+    """Answers until current flows; then each exchange ends after its timeout."""
+
+    timeout: Callable[[float], None]
+
+    def state(self) -> PowerSample:
+        sample = super().state()
+        if sample.flow:
+            self.timeout(0.06)
+            raise PowerLinkLost("no answer")
+        return sample
+
+
+def test_dead_link_is_named_a_second_after_the_arc_was_put_out() -> None:
+    """However long each exchange takes that is not answered."""
+    clock, journal = SimulatedClock(), FailingJournal(lambda message: False)
+    with SilentSource(PowerSimulationSettings(), lambda: clock.now) as source:
+        source.timeout, source.quench = clock.wait, lambda: None  # type: ignore[method-assign]
+        wps = read_wps(ROOT / "examples" / "wps.toml")
+        welder = ArcWelder(source, ArcLimits(), wps, clock, journal, lambda: False, True)
+        _, stopped = welder.weld(bead_along(np.array((0.0, 0.03))), 0.0, 0.03)
+    assert stopped is not None
+    assert stopped.fault == ArcFault.LINK_LOST
+    assert clock.now < 1.1 + ArcLimits().preflow + PowerSimulationSettings().ignition + 0.1
 
 
 def weld_without_looks(**context: Any) -> Weld:

@@ -20,9 +20,9 @@ SURE = np.full(41, 0.05e-3)
 EVERYWHERE = np.ones(41, dtype=bool)
 
 
-def weld_all(faults: WeldFaults, *, looks: bool) -> tuple[WeldWorld, WeldPlanner]:
+def weld_all(faults: WeldFaults, *, looks: bool, seed: int = 1) -> tuple[WeldWorld, WeldPlanner]:
     state = v_groove()
-    world, planner = weld_world(state, faults), v_groove_planner(state)
+    world, planner = weld_world(state, faults, seed), v_groove_planner(state)
     for _ in range(6):
         bead = planner.next_bead()
         world.weld(torch_trace(bead))
@@ -46,14 +46,17 @@ def test_without_faults_belief_and_world_agree() -> None:
 
 
 def test_looks_fill_what_faults_left_and_teach_them() -> None:
-    blind, _ = weld_all(FAULTS, looks=False)
-    seeing, planner = weld_all(FAULTS, looks=True)
-    assert np.sqrt(np.mean(fill_error(seeing) ** 2)) < 0.1e-3
-    assert np.abs(fill_error(blind)).mean() > 4 * np.abs(fill_error(seeing)).mean()
-    learnt = planner.learner
-    assert learnt.gain.value == pytest.approx(0.96, abs=0.015)
-    assert learnt.offset.value == pytest.approx(0.5e-3, abs=0.3e-3)
-    assert learnt.shrinkage.value == pytest.approx(1.25, rel=0.1)
+    off = np.zeros((2, 4))
+    for seed in range(4):
+        blind, _ = weld_all(FAULTS, looks=False, seed=seed)
+        seeing, planner = weld_all(FAULTS, looks=True, seed=seed)
+        assert np.sqrt(np.mean(fill_error(seeing) ** 2)) < 0.1e-3
+        off[:, seed] = [np.abs(fill_error(one)).mean() for one in (blind, seeing)]
+        learnt = planner.learner
+        assert learnt.gain.value == pytest.approx(0.96, abs=0.015)
+        assert learnt.offset.value == pytest.approx(0.5e-3, abs=0.3e-3)
+        assert learnt.shrinkage.value == pytest.approx(1.25, rel=0.1)
+    assert off[0].mean() > 3 * off[1].mean()
 
 
 def test_every_sample_is_inside_the_procedure_and_the_rest_is_carried_over() -> None:
@@ -146,15 +149,43 @@ def test_offset_is_learnt_from_the_stations_that_show_it() -> None:
     beside = 0.4e-3 * sensitivity + 0.05e-3 * rng.standard_normal(40)
     runs_aside = np.arange(40) % 8 == 0
     sensitivity[runs_aside], beside[runs_aside] = 6.0, -4e-3
-    learner = WeldLearner()
-    seen = learner.learn_offset(beside, sensitivity)
+    learner, none, level = WeldLearner(), np.zeros(40), np.zeros((2, 40))
+    seen = learner.learn_offset(beside, none, sensitivity, level)
     assert seen is not None
     assert seen.value == pytest.approx(0.4e-3, abs=0.05e-3)
-    assert seen.sigma > 0.25e-3
+    assert seen.sigma > 0.1e-3
     assert 0.2e-3 < learner.offset.value < 0.4e-3
     hidden = WeldLearner()
-    assert hidden.learn_offset(beside[:3], sensitivity[:3]) is None
+    assert hidden.learn_offset(beside[:3], none[:3], sensitivity[:3], level[:, :3]) is None
     assert hidden.offset.value == 0.0
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 0.0), (0.6, -1.0), (-0.4, 0.5)])
+def test_offset_is_told_from_pools_that_run_aside_otherwise_than_the_model_has_it(
+    wrong: tuple[float, float],
+) -> None:
+    """Beads on the left slope run to the right, those on the right one to the left; the wire is
+    led by what was learnt, and the last beads lie where they were to be."""
+    errors, ends, misses = [], [], []
+    for seed in range(20):
+        rng, learner = np.random.default_rng(seed), WeldLearner()
+        true = 0.5e-3 * rng.choice((-1, 1))
+        for bead in range(15):
+            sensitivity = rng.uniform(0.4, 0.8) + 0.05 * rng.standard_normal(30)
+            run = 1e-3 * (1.0, -1.0, 0.0)[bead % 3] * rng.uniform(0.5, 1.5)
+            runs = np.tile([[run], [-0.3e-3 * rng.uniform(0.3, 1.7)]], 30)
+            led = learner.lead(sensitivity, runs)
+            own = 0.05e-3 * rng.standard_normal() + 0.1e-3 * rng.standard_normal(30)
+            beside = sensitivity * (true - led) + wrong @ runs + own
+            known = learner.offset.value
+            seen = learner.learn_offset(beside, led, sensitivity, runs)
+            assert seen is not None
+            misses.append((seen.value - (true - known)) / seen.sigma)
+        errors.append((learner.offset.value - true) / learner.offset.sigma)
+        ends.append(float(np.mean(beside)))
+    assert np.mean(np.square(errors)) < 2
+    assert np.mean(np.abs(misses) < 1.96) > 0.9
+    assert np.sqrt(np.mean(np.square(ends))) < 0.15e-3
 
 
 def test_bead_in_two_parts_is_believed_as_it_lies() -> None:

@@ -57,6 +57,12 @@ TORCH_AT_REST: Final = 0.2e-3
 REPORTED_WAIT: Final = 5.0
 """Seconds after which it reports what it waits for before anything moves."""
 
+UNREAD_HERE: Final = (
+    ": it is not read here. If the weld hides its edges, stop, set the vehicle where they show and "
+    "state with --place where the torch is"
+)
+"""What a person can do where a weld goes on."""
+
 
 class WeldOperator(Protocol):
     """Decides whether a pass may be welded."""
@@ -270,7 +276,7 @@ class Crawler:
         # Reported before it waits, which may be cut off.
         if start.was_set_down:
             self._report(SET_DOWN_EVENT, f"{at}, as the operator states")
-        self._wait_for_joint()
+        self._wait_for_joint(goes_on=resumed is not None)
         if resumed is None:
             cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
             try:
@@ -304,14 +310,15 @@ class Crawler:
                 f"back at the start, {left or 'no'} {'pass' if left == 1 else 'passes'} left",
             )
 
-    def _wait_for_joint(self) -> None:
+    def _wait_for_joint(self, *, goes_on: bool = False) -> None:
         """Wait at rest until the joint was seen for long enough and there is steel all round."""
+        joint = f"the joint in view{UNREAD_HERE if goes_on else ''}"
         seen, limit, waited = 0.0, self._plan.alignment.in_view, 0.0
         while seen < limit or not self._guards.is_on_steel:
             period, found = self._cycle.run(AT_REST)
             seen = seen + period if found else 0.0
             if waited <= REPORTED_WAIT < waited + period:
-                missing = "steel below every corner" if seen >= limit else "the joint in view"
+                missing = "steel below every corner" if seen >= limit else joint
                 self._report(str(self._cycle.phase), f"waits for {missing}")
             waited += period
 

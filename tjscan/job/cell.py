@@ -42,7 +42,7 @@ def kinematics_of_job(job: CellJob) -> Kinematics:
 
 
 def motion_limits_of_job(job: CellJob) -> MotionLimits:
-    """How fast a job's arm may go, whoever plans its motion."""
+    """How fast a job's arm may go, in single moves and along paths that grow."""
     return MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
 
 

@@ -28,7 +28,7 @@ class StreamingLaser(Protocol):
     """A line laser that takes profiles as the arm moves, and says when each was taken."""
 
     def stream(self, period: float) -> Iterator[Profile | None]:
-        """Take profiles one after another until nobody asks for more.
+        """Take profiles one after another, without end.
 
         Parameters
         ----------

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Self
 
 from annotated_types import Ge, Le
 
-from tjscan.core.units import MILLISECONDS, MM, NOT_IN_FILE, POINTS, PPM, SettingsTable
+from tjscan.core.units import MILLISECONDS, MM, NOT_IN_FILE, POINTS, PPM_UNIT, SettingsTable
 
 STANDARD_Z_RANGE: Final = (0.190, 0.290)
 """Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""
@@ -177,7 +177,7 @@ class LaserModel(SettingsTable):
     notch: Annotated[float, NOT_IN_FILE] = math.radians(20)
     step: Annotated[float, Ge(0), Le(1), MM.with_key("resolution_mm")] = 5e-6
     clock_offset: Annotated[float, Ge(-10_000), Le(10_000), MILLISECONDS] = 0.02
-    clock_drift: Annotated[float, Ge(-1000), Le(1000), PPM] = 50e-6
+    clock_drift: Annotated[float, Ge(-1000), Le(1000), PPM_UNIT] = 50e-6
     delay: Annotated[float, NOT_IN_FILE] = 2e-3
     delay_jitter: Annotated[float, Ge(0), Le(100), MILLISECONDS] = 0.5e-3
     occlusion: bool = True

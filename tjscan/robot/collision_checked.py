@@ -21,7 +21,7 @@ from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.robot.arm import Arm, ArmState, MotionLock
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.robot.following import Following, JointMotion, start_following
+from tjscan.robot.following import Following, JointMotion, check_can_follow
 
 POSTURE_TREE_STEP: Final = 0.5
 """Radians of joint space, summed in squares over the joints, by which a tree grows at once."""
@@ -314,10 +314,15 @@ class CollisionCheckedArm:
         """
         return self._move_on_clear_path(T_b_f, straight=False, near=near, direct=direct)
 
+    @property
+    def moving_arm(self) -> Arm:
+        """The arm that moves."""
+        return self._arm
+
     @contextmanager
     def follow(self) -> Iterator[Following]:
         """Follow paths that grow, each checked before it is followed. See `FollowingArm.follow`."""
-        with self._latch.hold_for_move(), start_following(self._arm) as following:
+        with self._latch.hold_for_move(), check_can_follow(self._arm).follow() as following:
             yield CollisionCheckedFollowing(following, self.clearance)
 
     def stop(self) -> None:

@@ -21,7 +21,7 @@ from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.following import Following, start_following
+from tjscan.robot.following import Following, check_can_follow
 from tjscan.robot.kinematics import Kinematics
 
 
@@ -155,10 +155,15 @@ class CorrectedArm:
         commanded = self._pose_to_command(T_b_f, q)
         return self._correct_state(self._arm.move_joint_to_pose(commanded, near, direct=direct))
 
+    @property
+    def moving_arm(self) -> Arm:
+        """The arm that moves."""
+        return self._arm
+
     @contextmanager
     def follow(self) -> Iterator[Following]:
         """Follow paths that grow. See `FollowingArm.follow`."""
-        with start_following(self._arm) as following:
+        with check_can_follow(self._arm).follow() as following:
             yield CorrectedFollowing(following, self._correct_state)
 
     def stop(self) -> None:

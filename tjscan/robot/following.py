@@ -153,8 +153,17 @@ class FollowingArm(Protocol):
         """
 
 
-def start_following(arm: Arm) -> AbstractContextManager[Following]:
-    """Let an arm follow paths, see `FollowingArm.follow`.
+@runtime_checkable
+class ArmBeforeArm(Protocol):
+    """An arm that passes its moves on to another one."""
+
+    @property
+    def moving_arm(self) -> Arm:
+        """The other one."""
+
+
+def check_can_follow(arm: object) -> FollowingArm:
+    """Refuse an arm that can't follow paths, or that stands before one; nothing moves.
 
     Raises
     ------
@@ -163,7 +172,10 @@ def start_following(arm: Arm) -> AbstractContextManager[Following]:
     """
     if not isinstance(arm, FollowingArm):
         raise ConfigurationError(
-            "this arm's driver can't follow a path that grows while it moves: scan stepwise",
+            "this arm's driver can't follow a path that grows while it moves: set "
+            'mode = "stepwise"',
             key="scan.mode",
         )
-    return arm.follow()
+    if isinstance(arm, ArmBeforeArm):
+        check_can_follow(arm.moving_arm)
+    return arm

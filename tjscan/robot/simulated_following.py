@@ -17,8 +17,8 @@ from tjscan.robot.kinematics import Kinematics
 CONTROLLER_TICK: Final = 0.002
 """Seconds between two set-points of a joint controller."""
 
-STATE_PERIOD: Final = 0.008
-"""Seconds between two states that it reports."""
+STATE_PERIOD: Final = 0.002
+"""Seconds between two states that it reports: those of an e-Series arm come 500 times a second."""
 
 LAG_STAGES: Final = 2
 """Equal first-order lags in a row, which together make the lag."""

@@ -26,7 +26,8 @@ from tjscan.robot.path import MotionLimits
 logging.getLogger("toppra").setLevel(logging.ERROR)
 
 GRID_SPACING: Final = 2e-3
-"""Metres along the path between two places at which limits are looked at."""
+"""Metres along the path between two places at which limits are looked at, or half of the spline's
+own knots."""
 
 SHARES_OF_LIMITS: Final = (0.9, 0.94, 0.98)
 """Of speeds and accelerations that a motion may take at these places, tried in this order: a path
@@ -146,7 +147,7 @@ class PathTiming:
             None if the path can't be run through: from this speed there is no stop on it.
         """
         points_b = CubicSpline(q.x, [self._kinematics.forward(one)[:3, 3] for one in q(q.x)])
-        pieces = max(4, ceil(float(q.x[-1] - q.x[0]) / GRID_SPACING))
+        pieces = max(2 * (len(q.x) - 1), ceil(float(q.x[-1] - q.x[0]) / GRID_SPACING))
         places = np.linspace(q.x[0], q.x[-1], pieces + 1)
         for share in SHARES_OF_LIMITS:
             speeds = self._speeds_within(share, q, points_b, places, start_speed)

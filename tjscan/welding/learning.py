@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
@@ -46,18 +47,22 @@ LEAST_AREA_SIGMA: Final = 0.5e-6
 LEAST_CLOSING_SIGMA: Final = 0.03e-3
 """The same of the transverse shrinkage, metres."""
 
-BEAD_CENTRE_SIGMA: Final = 0.25e-3
-"""By how much the bead model misplaces the centres of all of a bead, metres (assumption)."""
+BEAD_CENTRE_SIGMA: Final = 0.1e-3
+"""By how much the bead model misplaces the centres of all of a bead that runs nowhere, metres
+(assumption)."""
+
+WALL_SHARE_SIGMA, GRAVITY_SHARE_SIGMA, RUN_SHARE_SIGMA = 0.5, 1.0, 0.5
+"""By what share the bead model may be wrong of how far pools run aside: all alike, for the slope of
+what they lie on and for gravity, and each by itself (assumptions)."""
+
+MISFIT_DEGREES: Final = 4.0
+"""How many beads the model's stated errors count as, where beads show how wrong it is."""
 
 LEAST_SENSITIVITY, LARGEST_SENSITIVITY = 0.1, 1.5
 """Of a bead's centre to the wire's place: centres outside show nothing of it."""
 
 FEWEST_CENTRES, CENTRES_TOGETHER = 4, 3.0
 """Centres that a bead must have to show the wire's place, and how many of them err alike."""
-
-LEAST_OFFSET_SIGMA: Final = 0.1e-3
-"""Beads of one weld are misplaced alike: however many, they don't show the offset better, metres
-(assumption)."""
 
 
 @dataclass(slots=True)
@@ -78,6 +83,7 @@ class WeldLearner:
     offset: ScalarFilter = OFFSET_PRIOR
     shrinkage: ScalarFilter = SHRINKAGE_PRIOR
     _set_area: Array | float = field(default=0.0)
+    _centres: list[tuple[Array, float, float]] = field(default_factory=list)
 
     def add_set_area(self, area: Array) -> None:
         """Count the area that wire and speed give, shape (n,), of a bead that was laid."""
@@ -122,15 +128,40 @@ class WeldLearner:
         if found.sigma <= self.shrinkage.sigma:
             self.shrinkage = found
 
-    def learn_offset(self, beside: Array, sensitivity: Array) -> ScalarFilter | None:
-        """Learn from where a bead's centre lies beside the predicted one, shape (n,), metres.
+    def lead(self, sensitivity: Array, runs: Array) -> Array:
+        """How far beside its aim a wire makes the bead lie that points there, (n,), metres.
+
+        By the torch's offset, and by what the bead model is wrong of how pools run aside.
 
         Parameters
         ----------
-        beside : ndarray, shape (n,)
+        sensitivity, runs : ndarray, shape (n,), (2, n)
+            As of `learn_offset`.
+        """
+        (_, *errors), _, _ = self._offset_and_run_errors()
+        shows = (sensitivity > LEAST_SENSITIVITY) & (sensitivity < LARGEST_SENSITIVITY)
+        aside = np.where(shows, errors @ runs, 0.0) / np.where(shows, sensitivity, 1.0)
+        return np.asarray(self.offset.value + np.nan_to_num(aside))
+
+    def learn_offset(
+        self, beside: Array, led: Array, sensitivity: Array, runs: Array
+    ) -> ScalarFilter | None:
+        """Learn from where a bead's centre lies beside the predicted one, shape (n,), metres.
+
+        A wire that points aside puts all beads to one side. A model by which pools run aside too
+        much, or too little, puts those on a slope the one way and those on the opposite slope the
+        other way, so all beads together show which it is; and how wrong the model is, by what fits
+        neither.
+
+        Parameters
+        ----------
+        beside, led : ndarray, shape (n,)
+            And how far beside its aim the wire was led the other way, as of `lead`.
         sensitivity : ndarray, shape (n,)
             Of the centre to the wire's place, by the bead model: small beside a wall, and large
             where a pool is about to run aside, which shows nothing of the torch.
+        runs : ndarray, shape (2, n)
+            How far the model has the pool run aside for what it lies on, and for gravity, metres.
 
         Returns
         -------
@@ -138,19 +169,41 @@ class WeldLearner:
             Deviation of the wire from where it was to be as this bead shows it, metres; None if it
             does not.
         """
-        usable = np.isfinite(beside + sensitivity)
-        usable &= (sensitivity > LEAST_SENSITIVITY) & (sensitivity < LARGEST_SENSITIVITY)
-        beside, weights = beside[usable], sensitivity[usable]
-        if len(beside) < FEWEST_CENTRES:
+        # What was predicted has the aim in it, and where it lies the lead.
+        rows = np.stack((beside + sensitivity * led, beside, sensitivity, *runs))
+        rows = rows[:, np.isfinite(rows).all(axis=0)]
+        rows = rows[:, (rows[2] > LEAST_SENSITIVITY) & (rows[2] < LARGEST_SENSITIVITY)]
+        count = rows.shape[1]
+        if count < FEWEST_CENTRES:
             return None
-        ratio = beside / weights
-        order = ratio.argsort()
-        share = np.cumsum(weights[order]) / weights.sum()
-        found = float(ratio[order][share.searchsorted(0.5)])  # least sum of distances
-        strength = float(np.sqrt(np.mean(weights**2)))
-        spread = mad_sigma(beside - found * weights) / np.sqrt(len(beside) / CENTRES_TOGETHER)
-        sigma = float(np.hypot(spread, BEAD_CENTRE_SIGMA)) / strength
-        # What was predicted had the offset of before in it.
-        now = self.offset.update(self.offset.value + found, sigma)
-        self.offset = ScalarFilter(now.value, max(now.sigma, LEAST_OFFSET_SIGMA))
-        return ScalarFilter(found, sigma)
+        measured, off, *shares = np.median(rows, axis=1).tolist()
+        spread = mad_sigma(rows[1] - off) / sqrt(count / CENTRES_TOGETHER)
+        sigma = hypot(spread, BEAD_CENTRE_SIGMA, RUN_SHARE_SIGMA * hypot(*shares[1:]))
+        before, known, _ = self._offset_and_run_errors()
+        self._centres.append((np.array(shares), measured, sigma))
+        after, covariance, misfit = self._offset_and_run_errors()
+        own, offset = np.array((0.0, *shares[1:])), self.offset.value
+        self.offset = ScalarFilter(float(after[0]), sqrt(covariance[0, 0]))
+        found = (measured - float(own @ before)) / shares[0] - offset
+        return ScalarFilter(
+            found, sqrt(float(own @ known @ own) + (misfit * sigma) ** 2) / shares[0]
+        )
+
+    def _offset_and_run_errors(self) -> tuple[Array, Array, float]:
+        """Offset, and shares by which the model is wrong of how pools run: estimate, covariance.
+
+        And by how much what beads show is farther off than stated, as a standard deviation.
+        """
+        prior = np.diag((OFFSET_PRIOR.sigma, WALL_SHARE_SIGMA, GRAVITY_SHARE_SIGMA)) ** 2
+        if not self._centres:
+            return np.zeros(3), prior, 1.0
+        shares, measured, sigma = map(np.array, zip(*self._centres, strict=True))
+        scaled, values = shares / sigma[:, None], measured / sigma
+
+        def fit(misfit: float) -> tuple[Array, Array]:
+            covariance = np.linalg.inv(np.linalg.inv(prior) + scaled.T @ scaled / misfit**2)
+            return covariance @ (scaled.T @ values) / misfit**2, covariance
+
+        left = float(np.sum((values - scaled @ fit(1.0)[0]) ** 2))
+        misfit = sqrt((MISFIT_DEGREES + left) / (MISFIT_DEGREES + len(sigma)))
+        return *fit(misfit), misfit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -335,8 +336,10 @@ class WeldPlanner:
         area = gain * wps.deposition_rate(feed) / speed
         (aim_w,) = interpolate_rows(aim_u, state.u, state.w)
         aim = np.column_stack((aim_u, aim_w))
-        tip = aim - (self.learner.offset.value, 0.0)
         weave = np.full_like(wanted, self.order.weaves[self.done])
+        heat_input = self._heat_input(feed, speed)
+        tip = aim.copy()
+        tip[:, 0] -= self._lead(state, aim_u, self.model.bead_width(heat_input, weave), area)
         return NextBead(
             self.done,
             layer,
@@ -348,9 +351,17 @@ class WeldPlanner:
             speed,
             feed,
             weave,
-            self._heat_input(feed, speed),
+            heat_input,
             wanted - area,
         )
+
+    def _lead(self, state: WeldState, aim: Array, width: Array, area: Array) -> Array:
+        """How far beside a bead's aim its wire points if it is not led otherwise, (n,), metres."""
+        lead = self.learner.lead(*self._pools_aside(state, aim, width, area))
+        most = self.learner.offset.value + LARGEST_AIM_CHANGE * np.array((-1.0, 1.0))
+        step = float(np.median(np.diff(state.s)))
+        smooth = gaussian_filter1d(np.clip(lead, *most), SMOOTHING_LENGTH / step, mode="nearest")
+        return np.asarray(smooth)
 
     def _limits(self, bead: int) -> ArcSettings | RootSettings:
         """Windows of a bead's feed, speed and heat input."""
@@ -522,34 +533,40 @@ class WeldPlanner:
         aim = bead.aim[of_bead, 0]
         width = self.model.bead_width(bead.heat_input, bead.weave)[of_bead]
 
-        def centre(w: Array) -> Array:
-            added = w - old.w
-            weights = np.where(np.abs(old.u - aim[:, None]) < width[:, None], added, 0.0)
-            weights *= column_widths(old.u)
-            area = np.sum(weights, axis=1)
-            seen: Array = np.full_like(area, np.nan)
-            moment = np.sum(weights * old.u, axis=1)
-            np.divide(moment, area, out=seen, where=area > LEAST_BEAD_AREA)
-            return seen
+        seen = _bead_centres(old, _added(new, old), aim, width)
+        expected = _bead_centres(old, _added(predicted.part(rows), old), aim, width)
+        led = aim - bead.tip[of_bead, 0]
+        shown = self._pools_aside(old, aim, width, bead.area[of_bead])
+        self.deviation = self.learner.learn_offset(seen - expected, led, *shown)
 
-        found = [
-            centre(
-                lay_beads(
-                    self.model,
-                    old.u,
-                    old.w,
-                    centre=aim + step,
-                    width=width,
-                    area=bead.area[of_bead],
-                    tilt=old.tilt,
-                ).w
-            )
-            for step in (0.0, SENSITIVITY_STEP)
-        ]
-        sensitivity = (found[1] - found[0]) / SENSITIVITY_STEP
-        expected = predicted.part(rows)
-        beside = centre(old.w + _added(new, old)) - centre(old.w + _added(expected, old))
-        self.deviation = self.learner.learn_offset(beside, sensitivity)
+    def _pools_aside(
+        self, old: WeldState, aim: Array, width: Array, area: Array
+    ) -> tuple[Array, Array]:
+        """How the model's beads lie aside of their aims, at k stations.
+
+        Returns
+        -------
+        sensitivity : ndarray, shape (k,)
+            Of a bead's centre to the wire's place.
+        runs : ndarray, shape (2, k)
+            How far it runs aside for what it lies on, and for gravity, metres.
+        """
+        level = np.zeros_like(old.tilt)
+        tried = (aim, old.tilt), (aim + SENSITIVITY_STEP, old.tilt), (aim, level)
+        laid = partial(lay_beads, self.model, old.u, old.w, width=width, area=area)
+        beads = [laid(centre=at, tilt=tilt).w - old.w for at, tilt in tried]
+        found, moved, upright = (_bead_centres(old, one, aim, width) for one in beads)
+        return (moved - found) / SENSITIVITY_STEP, np.stack((upright - aim, found - upright))
+
+
+def _bead_centres(old: WeldState, added: Array, aim: Array, width: Array) -> Array:
+    """Centres of what a bead added to sections, of height (n, m), metres; NaN where it is none."""
+    weights = np.where(np.abs(old.u - aim[:, None]) < width[:, None], added, 0.0)
+    weights = weights * column_widths(old.u)
+    area, moment = np.sum(weights, axis=1), np.sum(weights * old.u, axis=1)
+    seen: Array = np.full_like(area, np.nan)
+    np.divide(moment, area, out=seen, where=area > LEAST_BEAD_AREA)
+    return seen
 
 
 def _added(new: WeldState, old: WeldState) -> Array:

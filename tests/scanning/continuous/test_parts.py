@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -18,7 +19,8 @@ from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_of
 from tjscan.scanning.continuous.fusing import ProfileFuser, fuse_profiles
 from tjscan.scanning.continuous.poses import ActualPoses
 from tjscan.scanning.continuous.seam_ahead import predict_seam
-from tjscan.scanning.section import ProfileView, Substep
+from tjscan.scanning.continuous.smoothing import smooth_corners
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.sections_before import planning_sections
 from tjscan.scanning.target import ScanDirection
 
@@ -160,7 +162,7 @@ def test_a_shuttle_along_the_groove_does_not() -> None:
 @pytest.mark.parametrize("drift", [-1e-4, 0.0, 1e-4])
 def test_drift_is_found_from_when_profiles_arrive(drift: float) -> None:
     random = np.random.default_rng(4)
-    clock = LaserClock(offset=0.02, sigma=1e-4, since=0.0)
+    clock = LaserClock(offset=0.02, sigma=1e-4, since=0.0, state_period=0.008)
     for t in np.arange(0.0, 10.0, 0.005):
         stamp = t / (1 + drift)
         delay = 2e-3 + 0.5e-3 * random.standard_normal()
@@ -198,3 +200,33 @@ def test_sections_to_plan_with_are_spaced_and_end_with_the_last() -> None:
     gaps = np.linalg.norm(np.diff([s.T_b_g[:3, 3] for s in chosen], axis=0), axis=1)
     assert (gaps > 7.9e-3).all()
     assert (gaps < 12.5e-3).all()
+
+
+def section_at(seamwise: float, corner_shift: float, index: int) -> ScannedSection:
+    """A section of a straight groove, its corners shifted across."""
+    world = seam()
+    section = world.walk(0.4, 0.02, 1)[0]
+    T = section.view.T_b_s
+    away = pose(p=seamwise * T[:3, 1] + corner_shift * T[:3, 0])
+    view = replace(section.view, T_b_s=away @ T, index=index)
+    return replace(section, view=view)
+
+
+def test_smoothing_takes_noise_away_and_leaves_a_parabola_and_a_jump() -> None:
+    random = np.random.default_rng(3)
+    s: Array = 0.002 * np.arange(60.0)
+    way: Array = np.asarray(2.0 * (s - 0.06) ** 2)
+    noise = 0.03e-3 * random.standard_normal(60)
+    step = np.where(np.arange(60) < 30, 0.0, 2e-3)
+
+    def smoothed(shifts: Array) -> Array:
+        sections = [section_at(a, b, k) for k, (a, b) in enumerate(zip(s, shifts, strict=True))]
+        straight = [section_at(a, 0.0, k) for k, a in enumerate(s)]
+        off = smooth_corners(sections) - np.array([one.points_b[1:4] for one in straight])
+        return np.asarray(off[:, 0] @ sections[0].view.T_b_s[:3, 0])
+
+    np.testing.assert_allclose(smoothed(way), way, atol=1e-7)
+    left = smoothed(way + noise)[4:-4] - way[4:-4]
+    assert left.std() < 0.75 * noise.std()
+    over = smoothed(step + noise)
+    assert np.abs(over - step).max() < 0.15e-3  # nothing is smeared over the step

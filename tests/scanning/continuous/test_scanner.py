@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells import CLOCKWISE, PAPER, Notes, example_corner_errors
-from continuous import HeardThrough, flange_speeds, passing_views, scan_continuously
+from continuous_scans import HeardThrough, flange_speeds, passing_views, scan_continuously
 
 from tjscan.core.errors import ArmFault, LaserFault
 from tjscan.laser.profile import Profile

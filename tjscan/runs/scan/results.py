@@ -23,7 +23,7 @@ from tjscan.result import directory as run_files
 from tjscan.result.picture import write_png
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics, write_budget, write_summary
-from tjscan.result.table import write_cloud_ply, write_sections_csv
+from tjscan.result.table import write_cloud_ply, write_sections_csv, write_smoothed_csv
 from tjscan.scanning import journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
@@ -38,6 +38,7 @@ def write_run_results(
     picture: Any,
     job: str,
     budget: UncertaintyBudget,
+    smoothed: Array | None = None,
 ) -> ScanSummary:
     """Write sections, cloud, picture, uncertainty budget and summary of a run, all or none.
 
@@ -57,6 +58,8 @@ def write_run_results(
         The job that all of it comes from, see `job_label_of_run`.
     budget : UncertaintyBudget
         Of the sections.
+    smoothed : ndarray, shape (n, 3, 3), optional
+        Their corners smoothed along the groove, metres, in the same frame; of a continuous scan.
 
     Returns
     -------
@@ -72,6 +75,8 @@ def write_run_results(
     summary = replace(summary, provenance=provenance)
     with write_files_atomically(directory, last=run_files.SUMMARY_FILE, listed=True) as draft:
         write_sections_csv(draft / run_files.SECTIONS_FILE, sections, provenance)
+        if smoothed is not None:
+            write_smoothed_csv(draft / run_files.SMOOTHED_FILE, sections, smoothed, provenance)
         write_cloud_ply(draft / run_files.CLOUD_FILE, points, provenance)
         write_png(draft / run_files.SCAN_PICTURE, picture, provenance)
         write_budget(draft / run_files.BUDGET_FILE, budget, provenance)

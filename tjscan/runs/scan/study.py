@@ -393,6 +393,8 @@ class ScanOutcome(trial.RunOutcome):
         Profiles per section, of those that were not taught.
     half_steps : int
         How often a section was tried again at half the step.
+    stepwise : int
+        Steps of a continuous scan from rest.
     groove_length_mm : float
         Of the chain of groove origins.
     step_nominal_mm, step_mean_mm, step_std_mm : float
@@ -416,6 +418,7 @@ class ScanOutcome(trial.RunOutcome):
     scans: int = 0
     scans_per_section: float | None = None
     half_steps: int = 0
+    stepwise: int = 0
     groove_length_mm: float | None = None
     step_nominal_mm: float | None = None
     step_mean_mm: float | None = None
@@ -437,7 +440,7 @@ class ScanOutcome(trial.RunOutcome):
         object.__setattr__(self, "path", tuple((a, r, z) for a, r, z in self.path))
 
 
-SUMMARY_COUNTS: Final = ("sections", "scans", "half_steps")
+SUMMARY_COUNTS: Final = ("sections", "scans", "half_steps", "stepwise")
 SUMMARY_FIELDS: Final = ("complete", "detail", *SUMMARY_COUNTS, "groove_length_mm", "motion_time_s")
 """Fields that an outcome takes from the scan's summary."""
 

@@ -49,8 +49,8 @@ WEAKEST_SOURCES: Final = (
 )
 """Of the sources of numbers that make up another, the first says where that comes from."""
 
-SETTLING_CYCLES: Final = 100
-"""Cycles in which an arc that was stopped is watched until no current flows."""
+SETTLING_TIME: Final = 1.0
+"""Seconds for which an arc that was stopped is watched until no current flows."""
 
 
 class Clock(Protocol):
@@ -252,7 +252,8 @@ class ArcWelder:
         with suppress(Exception):
             if arc.phase is not ArcPhase.FAILED:
                 arc.stop("the program failed")
-        for _ in range(SETTLING_CYCLES):
+        until = self.clock.now + SETTLING_TIME
+        while self.clock.now < until:  # a dead link makes each cycle as long as its timeout
             self.clock.wait(CYCLE_TIME)
             try:
                 arc.advance(0.0, 0.0)

@@ -27,12 +27,12 @@ neighbouring profiles err by is alike, and corners share the arm's error."""
 DRIFT_SIGMA: Final = 1e-4
 """Of a clock's rate, standard deviation: quartz is good to 100 ppm."""
 
-ARRIVAL_SIGMA: Final = 3e-3
-"""Seconds, standard deviation of when a profile is there: the arm's states, which tell the time,
-come every 8 ms."""
+ARRIVAL_SIGMA: Final = 0.5e-3
+"""Seconds, standard deviation of the time on the way of a profile, beside when the arm's states
+come, which tell the time. Assumption."""
 
 MOST_ROUNDS: Final = 20
-CONVERGED: Final = 1e-7
+CONVERGED_STEP: Final = 1e-7
 
 
 @array_dataclass
@@ -106,7 +106,7 @@ def clock_offset(views: ShuttleViews, poses: ActualPoses, T_f_s: Array) -> tuple
             break
         change = -float(np.nansum(weight * slope * left)) / information
         offset += change
-        if abs(change) < CONVERGED:
+        if abs(change) < CONVERGED_STEP:
             return offset, CORRELATED_NOISE_FACTOR * sigma / sqrt(information)
         if abs(offset - start) > LARGEST_OFFSET:
             break
@@ -128,10 +128,19 @@ class LaserClock:
         By which the arm's clock is ahead at `since`, and its standard deviation, seconds.
     since : float
         Stamp of the offset, seconds.
+    state_period : float
+        Seconds from one state of the arm to the next.
     """
 
-    def __init__(self, offset: float = 0.0, sigma: float = 0.0, since: float = 0.0) -> None:
+    def __init__(
+        self,
+        offset: float = 0.0,
+        sigma: float = 0.0,
+        since: float = 0.0,
+        state_period: float = 0.0,
+    ) -> None:
         self.offset, self.sigma, self.since = offset, sigma, since
+        self._variance = ARRIVAL_SIGMA**2 + state_period**2 / 12
         self._drift = 0.0
         # Sums of a regression of late arrivals over the time since: 1, t, t², y, t y.
         self._sums = np.zeros(5)
@@ -147,6 +156,5 @@ class LaserClock:
         self._sums += (1.0, t, t * t, y, t * y)
         n, st, stt, sy, sty = self._sums
         spread = stt - st * st / n
-        precision = 1.0 / DRIFT_SIGMA**2
-        own = spread / ARRIVAL_SIGMA**2
-        self._drift = float((sty - st * sy / n) / ARRIVAL_SIGMA**2 / (own + precision))
+        prior = self._variance / DRIFT_SIGMA**2
+        self._drift = float((sty - st * sy / n) / (spread + prior))

@@ -12,10 +12,10 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 
-REMEMBERED_STATES: Final = 1000
-"""States that are kept: eight seconds at 125 a second."""
+REMEMBERED_STATES: Final = 4000
+"""States that are kept: eight seconds at 500 a second."""
 
-NEIGHBOURS: Final = 4
+NEIGHBOURING_STATES: Final = 4
 """States through which joint angles are interpolated, by a cubic."""
 
 
@@ -42,6 +42,11 @@ class ActualPoses:
         return self._states[0].time
 
     @property
+    def period(self) -> float:
+        """Seconds from state to state."""
+        return (self.latest - self.first) / max(len(self._states) - 1, 1)
+
+    @property
     def latest(self) -> float:
         """Time of the latest state."""
         return self._states[-1].time
@@ -56,8 +61,8 @@ class ActualPoses:
         i = len(states) - 1
         while i > 0 and states[i - 1].time >= time:
             i -= 1
-        first = min(max(i - NEIGHBOURS // 2, 0), max(len(states) - NEIGHBOURS, 0))
-        near = [states[k] for k in range(first, min(first + NEIGHBOURS, len(states)))]
+        first = min(max(i - NEIGHBOURING_STATES // 2, 0), max(len(states) - NEIGHBOURING_STATES, 0))
+        near = [states[k] for k in range(first, min(first + NEIGHBOURING_STATES, len(states)))]
         times = np.array([state.time for state in near]) - time
         q = _lagrange_weights(times) @ np.array([state.q for state in near])
         return ArmState(q, self._kinematics.forward(q), time)

@@ -10,11 +10,10 @@ import numpy as np
 from tjscan.core import errors
 from tjscan.core.frames import Array, unit_vector
 from tjscan.groove.section import GrooveSection
-from tjscan.laser.line_laser import StreamingLaser
 from tjscan.laser.profile import Profile, ProfileRepeats
 from tjscan.recording.journal import Journal
 from tjscan.robot.arm import ArmState
-from tjscan.robot.following import Following, start_following
+from tjscan.robot.following import Following
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
 from tjscan.scanning import sections_before
@@ -23,7 +22,7 @@ from tjscan.scanning.continuous.fusing import ProfileFuser
 from tjscan.scanning.continuous.path_ahead import FollowedPath, PathAhead
 from tjscan.scanning.continuous.poses import ActualPoses
 from tjscan.scanning.continuous.seam_ahead import predict_seam, seam_direction
-from tjscan.scanning.continuous.stream import PlacedProfiles
+from tjscan.scanning.continuous.stream import PlacedProfiles, devices_that_follow
 from tjscan.scanning.journal import (
     ScanEvent,
     ScanResult,
@@ -76,7 +75,7 @@ class ContinuousScanner(Scanner):
     Raises
     ------
     ConfigurationError
-        If the laser does not stream.
+        As `devices_that_follow`.
     """
 
     def __init__(
@@ -93,17 +92,12 @@ class ContinuousScanner(Scanner):
         super().__init__(
             setup, plan, journal, lambda done, step: predict(planning_sections(done), step), stop
         )
-        if not isinstance(setup.laser, StreamingLaser):
-            raise errors.ConfigurationError(
-                "this laser's driver takes profiles one by one, and does not say when in a stream "
-                'of them: set mode = "stepwise"',
-                key="scan.mode",
-            )
+        self._arm, laser = devices_that_follow(setup.arm, setup.laser)
         p_s_t = np.array((plan.offset, 0.0, plan.standoff))
         self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
         self._second_point = self._planner.groove_point(T_b_f_second)
         self._poses, self._clock = ActualPoses(kinematics), LaserClock()
-        self._stream = PlacedProfiles(setup.laser, self._poses, ProfileRepeats())
+        self._stream = PlacedProfiles(laser, self._poses, ProfileRepeats())
         self._fuser = ProfileFuser(plan.section_spacing, p_s_t)
         self._along_b = np.zeros(3)
         # Lengths along the groove: of the last section, of the one that a path was planned from
@@ -173,7 +167,7 @@ class ContinuousScanner(Scanner):
 
     def _follow(self, path: FollowedPath) -> None:
         """Follow a path, leading it on along the groove, until the arm rests at its end."""
-        with start_following(self._setup.arm) as following:
+        with self._arm.follow() as following:
             if path.leads_on:
                 path = path.begun_from_rest(self._setup.arm.state().time)
                 following.replace(path.motion)
@@ -293,7 +287,7 @@ class ContinuousScanner(Scanner):
         """
         profiles, seen = [], []
         path = self._planner.shuttle(state.q, state.time)
-        with start_following(self._setup.arm) as following:
+        with self._arm.follow() as following:
             path = path.begun_from_rest(self._setup.arm.state().time)
             following.replace(path.motion)
             for profile in self._stream.profiles(following):
@@ -313,7 +307,8 @@ class ContinuousScanner(Scanner):
                 f"clock: {self._why_not_on}"
             )
         offset, sigma = clock_offset(ShuttleViews.of_sections(seen), self._poses, self._setup.T_f_s)
-        self._clock = LaserClock(offset, sigma, since=seen[len(seen) // 2][0])
+        middle = seen[len(seen) // 2][0]
+        self._clock = LaserClock(offset, sigma, middle, self._poses.period)
         for profile in profiles:
             if self._poses.cover(time := self._clock.arm_time(profile.time)):
                 self._record_view(self._poses.at(time), profile)

@@ -6,11 +6,11 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final
 
-from tjscan.core.errors import LaserFault
-from tjscan.laser.line_laser import StreamingLaser
+from tjscan.core.errors import ConfigurationError, LaserFault
+from tjscan.laser.line_laser import LineLaser, StreamingLaser
 from tjscan.laser.profile import Profile, ProfileRepeats
-from tjscan.robot.arm import ArmState
-from tjscan.robot.following import Following
+from tjscan.robot.arm import Arm, ArmState
+from tjscan.robot.following import Following, FollowingArm, check_can_follow
 from tjscan.scanning.continuous.clocks import LaserClock
 from tjscan.scanning.continuous.poses import ActualPoses
 
@@ -22,6 +22,23 @@ LONGEST_SILENCE: Final = 10.0
 
 MOST_PENDING: Final = 200
 """Profiles that may wait for the arm's states: a second."""
+
+
+def devices_that_follow(arm: Arm, laser: LineLaser) -> tuple[FollowingArm, StreamingLaser]:
+    """Arm and laser of a continuous scan; nothing moves.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm can't follow paths, or the laser takes no stream of profiles.
+    """
+    if not isinstance(laser, StreamingLaser):
+        raise ConfigurationError(
+            "this laser's driver takes profiles one by one, and does not say when in a stream of "
+            'them: set mode = "stepwise"',
+            key="scan.mode",
+        )
+    return check_can_follow(arm), laser
 
 
 class PlacedProfiles:

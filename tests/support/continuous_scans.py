@@ -74,8 +74,10 @@ def scan_continuously(
 
 
 def passing_views(notes: Notes) -> list[ProfileView]:
-    """Views taken in passing, in order."""
-    return [view for view in notes.views if view.substep is Substep.PASSING]
+    """Views taken in passing from the second taught pose on, in order."""
+    profiles = [view for view in notes.views if view.substep is not Substep.FUSED]
+    taught = [i for i, v in enumerate(profiles) if v.substep is Substep.TAUGHT and v.index > 0]
+    return [view for view in profiles[taught[0] :] if view.substep is Substep.PASSING]
 
 
 def flange_speeds(views: list[ProfileView]) -> Array:
