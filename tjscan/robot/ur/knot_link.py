@@ -32,7 +32,7 @@ ACKNOWLEDGED_REGISTER, VERDICT_REGISTER, PATH_TIME_REGISTER = 24, 25, 24
 followed, negative if it was refused; seconds on the path."""
 
 KNOTS_OF_PACKAGE: Final = 3
-MOST_KNOTS: Final = 96
+MOST_KNOTS: Final = 126
 """Knots of an epoch that the program has room for."""
 
 ANGLE_STEPS, SPEED_STEPS, SPEED_RANGE = 2.0**24, 2.0**20, 8.0
