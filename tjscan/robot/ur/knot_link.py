@@ -47,9 +47,9 @@ HEARTBEAT_PERIOD: Final = 0.1
 CONNECTION_LIMIT: Final = 2.0
 """Seconds that an answer may take."""
 
-_HEADER: Final = Struct(">HB")
-_INPUTS: Final = Struct(f">B{REGISTER_COUNT}d")
-_OUTPUTS: Final = Struct(">Bd6d6dIiid")
+_PACKAGE_HEADER: Final = Struct(">HB")
+_INPUT_RECIPE: Final = Struct(f">B{REGISTER_COUNT}d")
+_OUTPUT_RECIPE: Final = Struct(">Bd6d6dIiid")
 _OUTPUT_NAMES: Final = (
     "timestamp,actual_q,actual_TCP_pose,runtime_state,"
     f"output_int_register_{ACKNOWLEDGED_REGISTER},output_int_register_{VERDICT_REGISTER},"
@@ -169,7 +169,7 @@ class KnotLink:
             self._open = False
 
     def _take(self, payload: bytes) -> None:
-        _, at, *rest = _OUTPUTS.unpack(payload)
+        _, at, *rest = _OUTPUT_RECIPE.unpack(payload)
         runtime, acknowledged, verdict, path_time = rest[12:]
         self._latest, self._heard = (at, path_time, verdict, runtime), time.monotonic()
         with self._lock:
@@ -189,10 +189,12 @@ class KnotLink:
 
     def _send_package(self, registers: Array) -> None:
         self._sent = time.monotonic()
-        self._send("U", _INPUTS.pack(self._recipe, *registers))
+        self._send("U", _INPUT_RECIPE.pack(self._recipe, *registers))
 
     def _send(self, kind: str, payload: bytes) -> None:
-        self._socket.sendall(_HEADER.pack(_HEADER.size + len(payload), ord(kind)) + payload)
+        self._socket.sendall(
+            _PACKAGE_HEADER.pack(_PACKAGE_HEADER.size + len(payload), ord(kind)) + payload
+        )
 
     def _ask(self, kind: str, payload: bytes) -> bytes:
         self._send(kind, payload)
@@ -201,13 +203,13 @@ class KnotLink:
     def _receive(self, wanted: str) -> bytes:
         """Payload of the next package of a kind."""
         while True:
-            while len(self._data) < _HEADER.size or len(self._data) < self._size:
+            while len(self._data) < _PACKAGE_HEADER.size or len(self._data) < self._size:
                 piece = self._socket.recv(1 << 16)
                 if not piece:
                     raise OSError("the controller closed the link")
                 self._data += piece
             size, kind = self._size, self._data[2]
-            payload, self._data = self._data[_HEADER.size : size], self._data[size:]
+            payload, self._data = self._data[_PACKAGE_HEADER.size : size], self._data[size:]
             if kind == ord(wanted):
                 return payload
 
