@@ -227,8 +227,7 @@ class ScanPlan(units.SettingsTable):
     return_tolerance : float
         How far a section may seem to have moved when it is seen again, metres.
     speed : float
-        Of a continuous scan along the groove, metres per second; limits of the arm may make it
-        slower.
+        Of a continuous scan along the groove; limits of the arm may make it slower.
     section_spacing : float
         From section to section of a continuous scan, metres.
     horizon : float
