@@ -6,7 +6,7 @@ Whatever comes, the arm stays on the paths that were checked, and the recording 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import cycle, islice
 from pathlib import Path
@@ -21,6 +21,7 @@ from _table import Row, main
 from tjscan.core.errors import ArmFault, TjscanError
 from tjscan.core.frames import Array
 from tjscan.job.files import read_scan_job
+from tjscan.robot.arm import ArmState
 from tjscan.robot.following import Following, JointMotion
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
@@ -100,18 +101,19 @@ class Watch:
             self.paths.append(motion)
             replace(following, motion)
 
-        def watched_states(following: UrFollowing) -> Any:
+        def watched_states(following: UrFollowing) -> Sequence[ArmState]:
             found = states(following)
             self.seen += [state.q for state in found[::10]]
             return found
 
         UrArm.follow = watched_follow  # type: ignore[method-assign, assignment]
-        UrFollowing.replace = watched_replace  # type: ignore[method-assign]
-        UrFollowing.states = watched_states  # type: ignore[method-assign]
+        UrFollowing.replace = watched_replace  # type: ignore[method-assign, assignment]
+        UrFollowing.states = watched_states  # type: ignore[method-assign, assignment]
         try:
             yield
         finally:
-            UrArm.follow, UrFollowing.replace = follow, replace  # type: ignore[method-assign]
+            UrArm.follow = follow  # type: ignore[method-assign]
+            UrFollowing.replace = replace  # type: ignore[method-assign]
             UrFollowing.states = states  # type: ignore[method-assign]
 
 

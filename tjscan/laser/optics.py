@@ -270,8 +270,8 @@ class SimulatedLaser(LocalDevice):
         LaserFault
             Outside a ``with`` block, or if the pose is not one.
         """
-        now = self._clock()  # of the pose that is read next: to trace rays takes its time
-        points = self.capture_with_origins()
+        # The time is that of the pose, which is read next: to trace rays takes its time.
+        now, points = self._clock(), self.capture_with_origins()
         return Profile(points.x_s, points.z_s, points.intensity, now)
 
     def stream(self, period: float) -> Iterator[Profile]:
