@@ -41,15 +41,16 @@ def bent_line(count: int) -> Array:
 
 
 def test_a_corner_divides_no_run_and_a_jump_does() -> None:
-    points, columns = bent_line(60), np.arange(60)
-    assert len(find_runs(points, columns).first) == 1
+    points = bent_line(60)
+    assert len(find_runs(Profile(*points.T)).first) == 1
     points[20:30, 1] -= 3 * MM
-    assert find_runs(points, columns).first.tolist() == [0, 20, 30]
+    assert find_runs(Profile(*points.T)).first.tolist() == [0, 20, 30]
 
 
 def test_points_after_a_hole_do_not_jump() -> None:
     columns = np.concatenate((np.arange(30), np.arange(50, 80)))
-    runs = find_runs(bent_line(80)[columns], columns)
+    x, z = bent_line(80)[columns].T
+    runs = find_runs(Profile(x, z, columns=columns, column_count=80))
     assert runs.first.tolist() == [0, 30]
     assert not runs.jumps.any()
 
@@ -58,10 +59,10 @@ def test_a_run_that_jumps_costs_less_than_its_points_and_steel_does_not() -> Non
     points = bent_line(60)
     costs = np.zeros(60)
     costs[20:40] = 1.0
-    steel = find_runs(points, np.arange(60))
+    steel = find_runs(Profile(*points.T))
     assert steel.total_cost(costs) == pytest.approx(20)
     points[20:40, 1] -= 3 * MM
-    ghost = find_runs(points, np.arange(60))
+    ghost = find_runs(Profile(*points.T))
     assert ghost.total_cost(costs) < 15
     costs[25] = 0.5  # one of them lies on a side: the run is no reflection
     assert ghost.total_cost(costs) == pytest.approx(costs.sum())
@@ -138,11 +139,11 @@ def test_two_stray_points_show_no_corner(seed: int) -> None:
 
 def test_only_a_stretch_as_long_as_a_side_speaks_against_it() -> None:
     points, residuals = bent_line(100), np.zeros(100)
-    row = Profile(*points.T)
-    assert share_in_long_stretches(row, residuals, 1, jumping=1.0) == 0
+    runs = find_runs(Profile(*points.T))
+    assert share_in_long_stretches(runs, residuals, 1, jumping=1.0) == 0
     residuals[20:30] = residuals[60:66] = -1 * MM
     for least, share in ((6, 0.16), (7, 0.10), (11, 0.0)):
-        found = share_in_long_stretches(row, residuals, least, jumping=1.0)
+        found = share_in_long_stretches(runs, residuals, least, jumping=1.0)
         assert found == pytest.approx(share)
 
 
@@ -151,9 +152,9 @@ def test_a_stretch_that_jumps_at_both_ends_is_attached_to_nothing() -> None:
     points[20:30, 1] -= 3 * MM
     residuals[20:30] = -3 * MM
     residuals[60:66] = -1 * MM
-    row = Profile(*points.T)
-    assert share_in_long_stretches(row, residuals, 2, jumping=0.0) == pytest.approx(0.06)
-    assert share_in_long_stretches(row, residuals, 2, jumping=1.0) == pytest.approx(0.16)
+    runs = find_runs(Profile(*points.T))
+    assert share_in_long_stretches(runs, residuals, 2, jumping=0.0) == pytest.approx(0.06)
+    assert share_in_long_stretches(runs, residuals, 2, jumping=1.0) == pytest.approx(0.16)
 
 
 def with_blobs(profile: Profile, root: Array, rng: np.random.Generator) -> Profile:
@@ -248,6 +249,7 @@ def test_the_cap_of_a_seam_weld_beside_the_groove_is_no_reflection(seed: int) ->
     profile = Profile(np.where(np.any(hidden, axis=0), np.nan, profile.x_s), profile.z_s)
     section = read_groove(profile)
     assert "seam weld beside" in section.conditions
+    assert section.evidence is None, "it was taken for scale"
     off, sigma = errors_and_sigmas(section, groove)
     assert off.max() < 0.2 * MM
     assert sigma.max() < 0.3 * MM

@@ -190,3 +190,23 @@ def test_a_corner_is_doubted_beyond_which_a_face_goes_on(seed: int) -> None:
     section = read_groove(Profile(x, z))
     off = float(np.linalg.norm(corners(section)[1] - p3))
     assert 2 * MM < off < 2.5 * np.sqrt(np.trace(section.corner_covariances_s[1]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_corner_is_doubted_if_its_side_is_seen_again_far_beyond_it(seed: int) -> None:
+    """A run of points in the bevel's place lies on the wall, drawn on, and jumps at both ends."""
+    groove = Groove()
+    profile, (p2, p3) = seen(groove.outline(), NOISE, seed), groove.corners[:2]
+    x, z = profile.x_s.copy(), profile.z_s.copy()
+    share = (x / z - p2[0] / p2[1]) / (p3[0] / p3[1] - p2[0] / p2[1])
+    run, (tx, tz) = (share > 0.5) & (share < 0.65), groove.directions[0]
+    depth = (p2[1] * tx - p2[0] * tz) / (tx - x[run] / z[run] * tz)
+    x[run], z[run] = (
+        x[run] / z[run] * depth,
+        depth + z[run] - np.polyval(np.polyfit(x[run], z[run], 1), x[run]),
+    )
+    section = read_groove(Profile(x, z))
+    assert np.linalg.norm(corners(section)[0] - p2) < 0.2 * MM
+    away = np.column_stack((x[run], z[run])) - p2
+    sigma = np.sqrt(np.trace(section.corner_covariances_s[0]))
+    assert sigma > 0.9 * np.sqrt(np.mean(np.sum(away**2, axis=1)))

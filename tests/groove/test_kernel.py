@@ -89,7 +89,7 @@ def test_pieces_of_points_that_are_none_are_found_in_the_same_way(wrong: float) 
     for compiled in (kernel.compiled, None):
         kernel.compiled = compiled
         points = ProjectivePoints(u, y, z, 5e-5)
-        runs = find_runs(np.column_stack((-u * z, z)), np.arange(400))
+        runs = find_runs(Profile(-u * z, z))
         with np.errstate(all="ignore"):
             found.append(find_pieces(points, runs))
     np.testing.assert_array_equal(found[0].first, found[1].first)

@@ -216,6 +216,7 @@ def test_a_wave_of_a_wall_is_no_scale_and_steps_are(seed: int) -> None:
     waved = Profile(profile.x_s, profile.z_s + wave)
     assert read_groove(waved).evidence is None
     assert read_groove(with_scale(profile, 0.3 * MM, seed)).evidence is not None
+    assert read_groove(with_scale(profile, 0.9 * MM, seed)).evidence is None  # none is so thick
 
 
 def test_what_leads_over_to_patches_of_scale_draws_no_side_after_it() -> None:

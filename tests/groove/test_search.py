@@ -59,7 +59,7 @@ def drawn(seed: int, noise: float = 0.03, ghosts: float = 0.0) -> Profile:
 
 def search_of(row: Profile) -> tuple[ChainSearch, ProjectivePoints, PointRuns]:
     points = project_points(row, DEFAULT_SETTINGS.noise)
-    runs = find_runs(row.points, row.columns)
+    runs = find_runs(row)
     pieces = find_pieces(points, runs)
     candidates = propose_candidates(points, pieces)
     return ChainSearch(points, candidates, runs, TOLERANCE), points, runs
@@ -109,7 +109,7 @@ def test_a_long_line_is_divided_and_grown_together_again() -> None:
     x = np.linspace(20, -20, count) * MM
     row = ordered(np.column_stack((x, 0.2 + 0.3 * x)))
     points = project_points(row, DEFAULT_SETTINGS.noise)
-    pieces = find_pieces(points, find_runs(row.points, row.columns))
+    pieces = find_pieces(points, find_runs(row))
     assert len(pieces.first) > 1
     candidates = propose_candidates(points, pieces)
     assert (candidates.first == points.u[0]).any()
@@ -124,11 +124,11 @@ def test_a_candidate_is_the_curve_that_it_is_drawn_as(radius: float) -> None:
     circle = abs(radius) * MM * np.column_stack((np.sin(angle), np.cos(angle) - 1))
     row = ordered((circle * (1, np.sign(radius))) @ np.array([[0.8, 0.6], [-0.6, 0.8]]) + (0, 0.2))
     points = project_points(row, DEFAULT_SETTINGS.noise)
-    pieces = find_pieces(points, find_runs(row.points, row.columns))
+    pieces = find_pieces(points, find_runs(row))
     candidates = propose_candidates(points, pieces)
     length = (candidates.last - candidates.first) * (candidates.kind == BEAD_KIND)
     longest = int(length.argmax())
-    curve = candidates.as_curves([longest])[0]
+    curve = candidates.as_curves()[longest]
     assert np.abs(curve.signed_distances(row.points)).max() < 0.02 * MM
     np.testing.assert_allclose(
         candidates.scaled_distances(points, 1.0)[longest],
@@ -248,7 +248,7 @@ def test_a_streak_along_a_ray_has_a_curve(seed: int) -> None:
     u[:3] = random.uniform(-0.25, 0.25) + 10 ** random.uniform(-5, -4) * np.arange(3)
     row = ordered(np.column_stack((-u * z, z)))
     points = project_points(row, DEFAULT_SETTINGS.noise)
-    candidates = propose_candidates(points, find_pieces(points, find_runs(row.points, row.columns)))
+    candidates = propose_candidates(points, find_pieces(points, find_runs(row)))
     assert np.isfinite(candidates.coefficients).all()
 
 

@@ -77,6 +77,7 @@ class Follower:
             time.sleep(0.005)
 
     def replan(self) -> None:
+        self.path = self.following._motion  # or the one before, where that was refused
         later = gentle_path(self.random, self.path, self.following.now + AHEAD)
         self.paths.append(later)
         try:
@@ -90,9 +91,11 @@ class Follower:
         self.states += self.following.states()
 
     def wait_for_rest(self) -> None:
-        while self.following.now < self.path.end + 0.3:
+        self.look()
+        while self.following.now < self.following._motion.end + 0.3:
             self.look()
             time.sleep(0.005)
+        self.path = self.following._motion
 
     def farthest(self) -> float:
         return max(distance_from_paths(state.q, self.paths) for state in self.states[::20])

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KERNEL_VERSION 5
+#define KERNEL_VERSION 6
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -1663,7 +1663,7 @@ typedef struct {
 typedef struct {
     Py_ssize_t pulls, reaches, decays;
     const double *pull, *reach, *decay;
-    const uint8_t *smooth;
+    const double *weights;
 } Tried;
 
 static double side_noise_variance(const Fitted *f, Py_ssize_t j)
@@ -1937,12 +1937,12 @@ static int find_pull(const Fitted *f, const Tried *tried, const double *u, Py_ss
         lines++;
     }
     double total = 0.0, mean[2] = {0.0, 0.0}, square[2] = {0.0, 0.0}, allowed = 0.0;
-    for (Py_ssize_t c = 0; c < cells; c++) allowed += tried->smooth[c];
+    for (Py_ssize_t c = 0; c < cells; c++) allowed += tried->weights[c];
     for (Py_ssize_t line = 0; line < lines; line++)
         for (Py_ssize_t c = 0; c < cells; c++) {
-            if (!tried->smooth[c]) continue;
+            if (tried->weights[c] == 0) continue;
             const double cost = costs[line * cells + c];
-            const double weight = exp((now - cost) * OUTLIER_SIGMAS * OUTLIER_SIGMAS / 2 / f->inflation);
+            const double weight = tried->weights[c] * exp((now - cost) * OUTLIER_SIGMAS * OUTLIER_SIGMAS / 2 / f->inflation);
             if (weight == 0) continue;
             total += weight;
             for (int w = 0; w < 2; w++) {
@@ -2138,10 +2138,10 @@ static int estimate_corners(const Fitted *f, const Tried *tried, const double *u
 
 static PyObject *corner_estimates(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    static const char letters[] = "ddddddddbibddddidddddbdDD";
+    static const char letters[] = "ddddddddbibddddidddddddDD";
     enum {
         X, Z, CURVE, PLACE, CORNER, ALONG, RESIDUAL, SIGMA, KEEP, EDGE, CURVED, MATRIX, RHS, INVERSE,
-        WEIGHT, COUNT, MIDDLE, STRAIGHT, PULL, REACH, DECAY, SMOOTH, MODEL, ESTIMATE, COVARIANCE, ARRAYS
+        WEIGHT, COUNT, MIDDLE, STRAIGHT, PULL, REACH, DECAY, SHARE, MODEL, ESTIMATE, COVARIANCE, ARRAYS
     };
     Py_buffer v[ARRAYS];
     (void)self;
@@ -2150,7 +2150,7 @@ static PyObject *corner_estimates(PyObject *self, PyObject *const *args, Py_ssiz
     if (PyErr_Occurred() || open_arrays(letters, args, v) < 0) return NULL;
     const Py_ssize_t n = count_of(&v[X]), k = count_of(&v[CURVE]) / SIDE_VALUES, straight = count_of(&v[STRAIGHT]);
     const Tried tried = {count_of(&v[PULL]), count_of(&v[REACH]), count_of(&v[DECAY]), v[PULL].buf, v[REACH].buf,
-                         v[DECAY].buf, v[SMOOTH].buf};
+                         v[DECAY].buf, v[SHARE].buf};
     const Py_ssize_t sizes[ARRAYS] = {
         n, n, SIDE_VALUES * k, 2 * (k - 1), 2 * (k - 1), n, n, k, n, k + 1, k, 16 * k, 4 * k, 16 * k, 4 * k, k, k,
         straight ? k : 0, tried.pulls, tried.reaches, tried.decays,

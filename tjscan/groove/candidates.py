@@ -290,16 +290,16 @@ class CandidateSides(NamedTuple):
         farthest[self.kind == WELD_KIND] = WELD_ROUGHNESS
         return np.maximum(np.minimum(ROUGH_REACH_SIGMAS * self.roughness, farthest), tolerance)
 
-    def as_curves(self, chain: list[int]) -> tuple[CubicCurve, ...]:
-        """Some of them, each over its tangent in the middle."""
-        u = 0.5 * (self.first + self.last)[chain]
-        a, b, c = self.coefficients[chain].T
+    def as_curves(self) -> list[CubicCurve]:
+        """Each over its tangent in the middle."""
+        u = 0.5 * (self.first + self.last)
+        a, b, c = self.coefficients.T
         y, slope = a + u * (b + u * c), b + 2 * u * c
-        along, zero = u * slope - y, np.zeros(len(chain))
+        along, zero = u * slope - y, np.zeros(len(u))
         steep = np.hypot(along, slope)
         tangents, bends = (along / steep, -slope / steep), -c * (y / steep) ** 3
-        values = np.transpose((-u / y, 1 / y, *tangents, zero, zero, bends))
-        return tuple(CubicCurve(*curve) for curve in values.tolist())
+        values = np.array((-u / y, 1 / y, *tangents, zero, zero, bends, zero))
+        return list(map(CubicCurve._make, values.T.tolist()))
 
 
 def propose_candidates(points: ProjectivePoints, pieces: Pieces) -> CandidateSides:

@@ -13,7 +13,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, array_dataclass
-from tjscan.groove.read import order_points, select_points
+from tjscan.groove.read import order_points
 from tjscan.groove.reflections import find_runs
 from tjscan.groove.root import HOLLOW_SIGMA_SHARE, WELD_IN_GROOVE
 from tjscan.groove.section import GrooveSection, section_in_plane
@@ -24,6 +24,7 @@ from tjscan.groove.sides import (
     CubicCurve,
     end_of_support,
     intersect_curves,
+    select_points,
 )
 from tjscan.laser.profile import Profile
 
@@ -242,7 +243,7 @@ def _without_reflections(row: Profile) -> Profile:
 
     Exactly, by dynamic programming over the runs.
     """
-    points, runs = row.points, find_runs(row.points, row.columns)
+    points, runs = row.points, find_runs(row)
     first, last = points[runs.first], points[runs.first + runs.count - 1]
     score, before = runs.count.astype(float), np.full(len(runs.count), -1)
     for k in range(1, len(score)):

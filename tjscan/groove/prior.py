@@ -152,17 +152,16 @@ class GroovePrior:
 
     def expected_model(self, model: GrooveModel) -> GrooveModel:
         """A groove's model, and its alternatives, with what is known of their bends."""
-        sides = list(model.sides)
-        for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
-            if sigma < sides[k].bend and sides[k].bend > LARGEST_STRAIGHT_BEND:
-                sides[k] = replace(
-                    sides[k],
-                    bend=float(sigma),
-                    twist=min(sides[k].twist, BEND_CHANGE_PER_METRE / 3),
-                    expected_bend=float(bend),
-                )
-        others = tuple(map(self.expected_model, model.alternatives))
-        return replace(model, sides=tuple(sides), alternatives=others)
+        forms = []
+        for form in (*model.alternatives, model):
+            sides = list(form.sides)
+            for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
+                if sigma < sides[k].bend and sides[k].bend > LARGEST_STRAIGHT_BEND:
+                    sides[k] = replace(sides[k], bend=float(sigma), expected_bend=float(bend))
+                    twist = min(sides[k].twist, BEND_CHANGE_PER_METRE / 3)
+                    sides[k] = replace(sides[k], twist=twist)
+            forms.append(replace(form, sides=tuple(sides)))
+        return replace(forms[-1], alternatives=tuple(forms[:-1]))
 
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:

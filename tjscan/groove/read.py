@@ -7,7 +7,6 @@ from math import cos, degrees, hypot, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -24,7 +23,7 @@ from tjscan.groove.settings import (
     GrooveSettings,
 )
 from tjscan.groove.shape import corner_estimates
-from tjscan.groove.sides import GrooveFit, Index
+from tjscan.groove.sides import GrooveFit, Index, select_points
 from tjscan.groove.steel import fit_bare_steel
 from tjscan.laser.profile import Profile
 
@@ -79,12 +78,12 @@ def read_groove_with_fit(
     """
     if not settings.model.has_section_points:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
-    row = order_points(profile, settings)
-    fit = _fit_on_steel(row, settings, prior)
+    tolerance, row = settings.support_tolerance, order_points(profile, settings)
+    fit = _fit_on_steel(row, settings, prior, tolerance)
     corners, covariance = corner_estimates(fit)
     covariance += fit.steel_covariance
     fit = replace(fit, fitted=replace(fit.fitted, corners=corners))
-    section = read_root(fit, covariance + fit.other_readings, settings.support_tolerance)
+    section = read_root(fit, covariance + fit.other_readings, tolerance)
     # Without the root's corners or with one more nothing else supports that this is a groove.
     # Other readings of it do not object to that.
     root = section.covariance_s.diagonal().reshape(3, 2).max(axis=1)[1:].tolist()
@@ -131,12 +130,6 @@ def order_points(profile: Profile, settings: GrooveSettings) -> Profile:
     return select_points(profile, columns)
 
 
-def select_points(profile: Profile, chosen: Index | NDArray[np.bool_]) -> Profile:
-    """Some of a profile's points, by their numbers or a mask."""
-    x_s, z_s = profile.x_s[chosen], profile.z_s[chosen]
-    return replace(profile, x_s=x_s, z_s=z_s, columns=profile.columns[chosen])
-
-
 def _columns_by_bearing(profile: Profile) -> Index:
     """Columns that hold a point, from the wall to the leg."""
     if kernel.compiled is not None:
@@ -154,19 +147,21 @@ def _columns_by_bearing(profile: Profile) -> Index:
     return columns[np.argsort(bearings, kind="stable")]
 
 
-def _fit_on_steel(row: Profile, settings: GrooveSettings, prior: GroovePrior | None) -> GrooveFit:
+def _fit_on_steel(
+    row: Profile, settings: GrooveSettings, prior: GroovePrior | None, tolerance: float
+) -> GrooveFit:
     """Fit with what the sections before show, as far as the profile does not contradict it."""
     model = prior.expected_model(settings.model) if prior else settings.model
     try:
         best, *others = find_supported_fits(row, replace(settings, model=model))
         if prior is None or not _contradicts_bends(best):
-            bare = fit_bare_steel(best, prior, settings.support_tolerance)
+            bare = fit_bare_steel(best, prior, tolerance)
             return with_doubt_from_others(bare, others)
     except GrooveNotFound:
         if prior is None or not np.isfinite(prior.bend_sigmas).any():
             raise
     unbent = replace(prior, bends=np.zeros(2), bend_sigmas=np.full(2, np.inf))
-    return _fit_on_steel(row, settings, unbent)
+    return _fit_on_steel(row, settings, unbent, tolerance)
 
 
 def _contradicts_bends(fit: GrooveFit) -> bool:

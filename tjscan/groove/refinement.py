@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from math import log
 from typing import Any, Final
 
@@ -155,6 +156,26 @@ def estimate_variance_inflation(
     return inflation
 
 
+@lru_cache
+def fit_record(k: int) -> Array:
+    """Room for what a compiled fit of k sides gives, in its order."""
+    corner, side, matrix, vector = (k - 1, 2), (k,), (k, 4, 4), (k, 4)
+    shapes = {"curves": (k, 8), "places": corner, "corners": corner, "sigmas": side, "counts": side}
+    shapes |= {"middles": side, "straight": side, "curved": side, "matrices": matrix}
+    shapes |= {"right": vector, "inverse": matrix, "weight": vector, "inflation": (1,)}
+    return np.empty(1, [(name, np.float64, shape) for name, shape in shapes.items()])
+
+
+@lru_cache
+def model_values(model: tuple[SideModel, ...]) -> Array:
+    """What a compiled fit knows of each side, shape (k, 6)."""
+    values = [
+        (s.bend, s.twist, s.expected_bend or 0.0, s.roughness, s.bead, s.expected_bend is not None)
+        for s in model
+    ]
+    return np.array(values) * (SCALING_LENGTH ** np.array((2, 3, 2, 0, 0, 0)))
+
+
 def refine_fit(
     row: Profile,
     start: Polyline,
@@ -181,68 +202,63 @@ def refine_fit(
         Corners of other fits: one that comes as near as `SAME_FIT_DISTANCE` to them is not
         finished.
     """
+    values = model_values(model)
     if kernel.compiled is not None:
-        values, keep = kernel.fit_record(len(model)).copy(), np.empty(len(row.x_s), np.bool_)
-        points = np.empty((2, len(keep)))
+        record, keep = fit_record(len(model)).copy(), np.empty(len(row.x_s), np.bool_)
+        points = np.empty((2, len(row.x_s)))
         found = kernel.compiled.refine_fit(
             *(row.x_s, row.z_s, row.columns, np.array(start.sides), start.corners),
-            *(kernel.model_values(model), np.array(known), values.view(np.float64), points, keep),
+            *(values, np.array(known), record.view(np.float64), points, keep),
             *(row.column_count, tolerance, annealed),
         )
-        return found and _compiled_fit(values[0], points, keep, *found)
+        return found and _compiled_fit(record[0], points, keep, *found)
     widths = FIRST_ROUND_TOLERANCES if annealed else ()
-    spread, expected, roughness, bead = kernel.side_priors(model)
-    curved, inflation = spread[:, 0] > 0, _GUESSED_VARIANCE_INFLATION
+    spread, roughness, bead = values[:, :2], values[:, 3], values[:, 4] > 0
+    curved, inflation, noise_is_known = spread[:, 0] > 0, _GUESSED_VARIANCE_INFLATION, False
     # What sticks to the long outer sides is wider than their noise.
-    reach = np.ones(len(model))
-    reach[[0, -1]] = OUTER_SIDE_REACH
-    sigmas = np.full(len(model), tolerance / 4)
-    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > LEAST_COLUMNS_OF_HOLE)
+    reach = np.full(len(model), tolerance)
+    reach[[0, -1]] *= OUTER_SIDE_REACH
+    sigmas, left_out = np.full(len(model), tolerance / 4), np.zeros(len(row.x_s), dtype=np.bool_)
     fitted: FittedProfile | None = None
-    noise_is_known = False
     straight: Array | None = None
-    left_out: NDArray[np.bool_] | None = None
     for count in range(MOST_REFINEMENT_ROUNDS):
+        settled = count >= len(widths)
+        limits = np.minimum(OUTLIER_SIGMAS * np.maximum(sigmas, LEAST_NOISE), reach)
         if count < max(len(widths), 1):
             limits = np.where(bead, 1.0, (*widths, 1.0)[count]) * tolerance
-        else:
-            noticed = np.maximum(OUTLIER_SIGMAS * sigmas, OUTLIER_SIGMAS * LEAST_NOISE)
-            limits = np.minimum(noticed, tolerance * reach)
         limits = np.maximum(limits, np.maximum(roughness, _face_bluntness(start, bead)))
-        prior = prior_weights(spread, curved, sigmas, inflation), expected
         if fitted is not None and count < REBASED_ROUNDS:
             # Nearly the same curves, written over their tangents.
             rebased = map(CubicCurve.rebased_at_tangent, start.sides, fitted.middles)
             start = start._replace(sides=tuple(rebased))
-        steel = ~bead if count >= len(widths) else None
-        fitted = _fit_sides_once(row, start, limits, prior, curved, left_out, steel)
+        weight = prior_weights(spread, curved, sigmas, inflation)
+        clean = settled & ~bead
+        fitted = _fit_sides_once(row, start, limits, (weight, values[:, 2]), left_out, clean)
         if fitted is None:
             return None
+        fitted = replace(fitted, curved=curved, variance_inflation=inflation, straight=straight)
         if any(np.abs(fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known):
-            return fitted
+            return replace(fitted, straight=None)
         moved = np.abs(fitted.corners - start.corners).max() if count else np.inf
         start, sigmas = start._replace(sides=fitted.curves, corners=fitted.corners), fitted.sigmas
-        if noise_is_known and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
-            break
-        settling = count >= len(widths) and moved < 0.1 * tolerance
-        if not noise_is_known and (settling or count + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE):
+        if noise_is_known:
+            if moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
+                break
+        elif (settled and moved < 0.1 * tolerance) or count + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE:
             keep = fitted.keep
-            scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
-            parameters = int((2 + fitted.curved).sum())
+            scaled = fitted.residuals[keep] / np.maximum(sigmas, 1e-9).repeat(fitted.counts)
+            parameters = int((2 + curved).sum())
             inflation = estimate_variance_inflation(
                 scaled, row.columns[keep], row.column_count, parameters
             )
-            noise_is_known = True
             fitted = replace(fitted, variance_inflation=inflation)
-            straight = _log_odds_of_straight_sides(fitted, model)
+            straight = _log_odds_of_straight_sides(fitted, values)
+            fitted = replace(fitted, straight=straight)
             curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
-            if left_out is None and len(holes):
-                left_out = _find_curled_rims(fitted, holes, bead)
-                if left_out is not None:
-                    curved, noise_is_known = curved | bead & (spread[:, 0] > 0), False
-    if fitted is None or not noise_is_known:
-        return None
-    return replace(fitted, variance_inflation=inflation, straight=straight)
+            noise_is_known = True
+            if not left_out.any() and _leave_out_curled_rims(row, fitted, bead, left_out):
+                curved, noise_is_known = curved | bead & (spread[:, 0] > 0), False
+    return fitted if noise_is_known else None
 
 
 def _face_bluntness(line: Polyline, bead: NDArray[np.bool_]) -> Array:
@@ -256,8 +272,7 @@ def prior_weights(
     spread: Array, curved: NDArray[np.bool_], sigmas: Array, inflation: float
 ) -> Array:
     """What the prior adds to the diagonal of the normal matrices, shape (k, 4)."""
-    weight = np.zeros((len(spread), 4))
-    weight[:, 2:] = FIXED_WEIGHT
+    weight = np.pad(np.full(spread.shape, FIXED_WEIGHT), ((0, 0), (2, 0)))
     variances = inflation * np.maximum(sigmas, LEAST_NOISE)[:, None] ** 2
     free = curved[:, None] & (spread > 0)
     np.divide(variances, spread * spread, out=weight[:, 2:], where=free)
@@ -290,97 +305,90 @@ def _fit_sides_once(
     start: Polyline,
     limits: Array,
     prior: tuple[Array, Array],
-    curved: NDArray[np.bool_],
-    left_out: NDArray[np.bool_] | None,
-    steel: NDArray[np.bool_] | None,
+    left_out: NDArray[np.bool_],
+    clean: NDArray[np.bool_],
 ) -> FittedProfile | None:
-    """Who owns which point, outliers, fits, corners.
+    """Who owns which point, outliers, fits, corners; None if a side has too few points.
 
-    On the sides `steel`, shape (k,), points beside ghosts are dropped.
+    From the sides `clean`, shape (k,), points beside ghosts are dropped.
     """
-    points, corners = row.points, start.corners
-    cuts = (-row.x_s / row.z_s).searchsorted(-corners[:, 0] / corners[:, 1]).tolist()
-    edges = [0, *cuts, len(points)]
-    sizes, spans = np.diff(edges), tuple(map(slice, edges, edges[1:]))
-    if sizes.min() < FEWEST_SIDE_POINTS:
-        return None
-    own = [(side, points[span]) for side, span in zip(start.sides, spans, strict=True)]
-    s, d = np.concatenate([side.local_coordinates(of_side) for side, of_side in own], axis=1)
-    off = np.concatenate([side.signed_distances(of_side) for side, of_side in own])
-    scaled = OUTLIER_SIGMAS * off / limits.repeat(sizes)
-    keep = np.abs(scaled) < OUTLIER_SIGMAS
-    if steel is not None:
-        keep = _drop_points_beside_ghosts(scaled, keep, np.array(edges), steel)
-    if left_out is not None:
-        keep &= ~left_out
-    powers = np.vander(s / SCALING_LENGTH, 7, increasing=True).T
-    terms = np.concatenate((powers, powers[:4] * d)) * keep
-    sums = np.add.reduceat(terms, edges[:-1], axis=1)
-    counts = sums[0].astype(np.intp)
-    if counts.min() < FEWEST_SIDE_POINTS:
-        return None
-    equations = sums[_HANKEL_INDEX].transpose(2, 0, 1), sums[7:].T
+    cuts = (-row.x_s / row.z_s).searchsorted(-start.corners[:, 0] / start.corners[:, 1])
+    edges = [0, *cuts.tolist(), len(row.x_s)]
+    spans, keep = tuple(map(slice, edges, edges[1:])), ~left_out
+    s, d, sums = np.empty(len(row.x_s)), np.empty(len(row.x_s)), []
+    for side, own, limit, is_clean in zip(start.sides, spans, limits, clean, strict=True):
+        points = row.points[own]
+        s[own], d[own] = side.local_coordinates(points)
+        if len(points):
+            keep[own] &= _points_on_side(side.signed_distances(points) / limit, is_clean)
+        if np.count_nonzero(keep[own]) < FEWEST_SIDE_POINTS:
+            return None
+        powers = np.vander(s[own][keep[own]] / SCALING_LENGTH, 7, increasing=True)
+        sums.append((powers.sum(axis=0), d[own][keep[own]] @ powers[:, :4]))
+    moments = np.array([one for one, _ in sums])
+    equations, counts = (moments[:, _HANKEL_INDEX], np.array([b for _, b in sums])), moments[:, 0]
     try:
         c, inverse = solve_with_prior(equations, *prior)
     except np.linalg.LinAlgError:
         return None
-    residuals = d - (c.T.repeat(sizes, axis=1) * powers[:4]).sum(axis=0)
-    chords = np.array(start.sides)[:, :4]
-    curves = tuple(map(CubicCurve._make, np.hstack((chords, c / SCALING_LENGTH_POWERS)).tolist()))
-    met = corners_between_sides(curves, corners)
+    curves = tuple(
+        CubicCurve(*side[:4], *height)
+        for side, height in zip(start.sides, (c / SCALING_LENGTH_POWERS).tolist(), strict=True)
+    )
+    met = corners_between_sides(curves, start.corners)
     if met is None:
         return None
-    near = [np.sort(np.abs(residuals[span][keep[span]])) for span in spans]
+    residuals = np.concatenate(
+        [side.signed_distances(row.points[own]) for side, own in zip(curves, spans, strict=True)]
+    )
+    near = [np.sort(np.abs(residuals[own][keep[own]])) for own in spans]
     sigmas = _MAD_TO_SIGMA * np.array([side[len(side) // 2] for side in near])
     pooled = POOLED_NOISE_POINTS * (sigmas @ counts) / counts.sum()
     sigmas = (counts * sigmas + pooled) / (counts + POOLED_NOISE_POINTS)
-    middles = tuple((SCALING_LENGTH * sums[1] / counts).tolist())
+    middles = tuple((SCALING_LENGTH * moments[:, 1] / counts).tolist())
     return FittedProfile(
-        *(curves, met[1], met[0], edges, spans, s, residuals, keep, sigmas, curved),
-        *(equations, inverse, prior[0], counts, middles),
+        *(curves, met[1], met[0], edges, spans, s, residuals, keep, sigmas, clean),
+        *(equations, inverse, prior[0], counts.astype(np.intp), middles),
     )
 
 
 _HANKEL_INDEX: Final = np.add.outer(np.arange(4), np.arange(4))
 
 
-def _drop_points_beside_ghosts(
-    scaled: Array, keep: NDArray[np.bool_], edges: Index, steel: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Drop points that lead over from a side of steel to a run of outliers beside it.
+def _points_on_side(off: Array, is_clean: bool) -> NDArray[np.bool_]:
+    """Points within their limit; none that lead over from a clean side to a run of outliers.
 
-    A bead's face is none: what leads over there is often a part of the bead.
+    A bead's face is not clean: what leads over there is often a part of the bead.
     """
-    beside = (scaled > GHOST_SIGMAS).view(np.int8) - (scaled < -GHOST_SIGMAS).view(np.int8)
-    starts = np.union1d(edges[:-1], np.flatnonzero(np.diff(beside)) + 1)
-    sizes, owner = np.diff(starts, append=edges[-1]), edges[1:-1].searchsorted(starts, "right")
-    leads_over = np.add.reduceat(~keep, starts, dtype=np.intp) >= FEWEST_POINTS_OF_GHOST
-    leads_over &= steel[owner] & (sizes < np.diff(edges)[owner])
-    return keep & ~leads_over.repeat(sizes)
+    on, beside = np.abs(off) < 1, np.sign(off) * (np.abs(off) * OUTLIER_SIGMAS > GHOST_SIGMAS)
+    starts = np.flatnonzero(np.diff(beside, prepend=np.nan))
+    if is_clean and len(starts) > 1:
+        leads_over = np.add.reduceat(~on, starts, dtype=np.intp) >= FEWEST_POINTS_OF_GHOST
+        on &= ~leads_over.repeat(np.diff(starts, append=len(on)))
+    return on
 
 
-def _find_curled_rims(
-    fitted: FittedProfile, holes: Index, bead: NDArray[np.bool_]
-) -> NDArray[np.bool_] | None:
-    """Points beside holes, shape (n,), if the surface seems to curl there; None if it does not.
+def _leave_out_curled_rims(
+    row: Profile, fitted: FittedProfile, bead: NDArray[np.bool_], left_out: NDArray[np.bool_]
+) -> bool:
+    """Leave out points beside holes, if the surface seems to curl there; whether it does.
 
     The long sides show whether it does, on most rims, and how far from a hole; the face of a
-    bead may follow what curls. Each hole comes after one of the points `holes`.
+    bead may follow what curls.
     """
-    n = len(fitted.keep)
+    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > LEAST_COLUMNS_OF_HOLE)[:, None]
     steps = np.arange(RIM_POINTS)
-    rims = np.clip(np.concatenate((holes[:, None] - steps, holes[:, None] + 1 + steps)), 0, n - 1)
+    rims = np.clip(np.concatenate((holes - steps, holes + 1 + steps)), 0, len(row.x_s) - 1)
     owner = np.searchsorted(fitted.edges[1:-1], rims, side="right")
     off = np.abs(fitted.residuals[rims])
     long = ~bead[owner[:, 0]] & (off[:, 0] < LARGEST_CURL)
     curled = (off / np.maximum(fitted.sigmas, LEAST_NOISE)[owner])[long] > LEAST_CURL_SIGMAS
     first = np.count_nonzero(curled[:, 0])
     if first < FEWEST_CURLED_RIMS or 2 * first <= len(curled):
-        return None
+        return False
     width = 1 + int(np.logical_and.accumulate(curled, axis=1).sum(axis=1).max())
-    found = np.zeros(n, dtype=np.bool_)
-    found[rims[:, :width]] = True
-    return found
+    left_out[rims[:, :width]] = True
+    return True
 
 
 def coefficient_covariances(
@@ -399,16 +407,14 @@ def coefficient_covariances(
     return np.asarray(inverse @ meat @ inverse)
 
 
-def _log_odds_of_straight_sides(fitted: FittedProfile, model: tuple[SideModel, ...]) -> Array:
+def _log_odds_of_straight_sides(fitted: FittedProfile, values: Array) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
-    spread, *_ = kernel.side_priors(model)
-    covariances = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
+    covariances = coefficient_covariances(fitted, fitted.inverse, fitted.weight, values[:, :2])
     variance = np.maximum(covariances[:, 2, 2], 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * SCALING_LENGTH**2
-    prior = np.maximum(spread[:, 0], 1e-15)
+    prior = np.maximum(values[:, 0], 1e-15)
     odds = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)
-    known = np.array([side.expected_bend is not None for side in model])
-    return np.where(known, -np.inf, odds)
+    return np.where(values[:, 5] > 0, -np.inf, odds)
 
 
 def _compiled_fit(

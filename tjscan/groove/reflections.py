@@ -118,31 +118,21 @@ class PointRuns:
         return np.asarray(np.where(off, cheaper, paid).sum(axis=-1))
 
 
-def find_runs(points: Array, columns: Index) -> PointRuns:
-    """Divide a row of points, shape (n, 2), where neighbours jump or a wide hole lies between.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-        x and z in metres.
-    columns : ndarray of int, shape (n,)
-    """
-    if kernel.compiled is not None and len(points):
-        (x, z), n = np.ascontiguousarray(points.T), len(points)
+def find_runs(row: Profile) -> PointRuns:
+    """Divide a row of n points where neighbours jump or a wide hole lies between."""
+    n = len(row.x_s)
+    if kernel.compiled is not None:
         bounds, jumps = np.empty(n + 1, dtype=np.intp), np.empty(n, dtype=np.bool_)
-        m = kernel.compiled.find_runs(x, z, columns, bounds, jumps, np.empty(n))
-        return PointRuns(bounds[:m], bounds[1 : m + 1] - bounds[:m], jumps[:m])
-    step = np.hypot(*np.diff(points, axis=0).T)
-    apart = np.abs(np.diff(columns))
-    each = np.concatenate((step[:1] / apart[:1], step / apart, step[-1:] / apart[-1:]))
-    usual = np.minimum(each[:-2], each[2:])
+        m = kernel.compiled.find_runs(row.x_s, row.z_s, row.columns, bounds, jumps, np.empty(n))
+        return PointRuns(bounds[:m], np.diff(bounds[: m + 1]), jumps[:m])
+    step, apart = np.hypot(np.diff(row.x_s), np.diff(row.z_s)), np.abs(np.diff(row.columns))
+    each = np.pad(step / apart, 1, "edge") if n > 1 else step
     hole = apart > LEAST_COLUMNS_OF_HOLE
+    usual = np.minimum(each[:-2], each[2:])
     jump = ~hole & (step > JUMP_DISTANCE + JUMP_STEEPNESS * usual * apart)
-    ends = np.flatnonzero(jump | hole) + 1
-    first = np.concatenate(([0], ends))
-    count = np.diff(np.concatenate((first, [len(points)])))
-    jumped = np.concatenate(([False], jump[ends - 1], [False]))
-    return PointRuns(first, count, jumped[:-1] | jumped[1:])
+    bounds = np.concatenate(([0], np.flatnonzero(jump | hole) + 1, [n]))
+    jumps = np.pad(jump, 1)[bounds]
+    return PointRuns(bounds[:-1], np.diff(bounds), jumps[:-1] | jumps[1:])
 
 
 def stretches_off_surface(
@@ -153,10 +143,10 @@ def stretches_off_surface(
     First points, points after the last ones, and whether they go over without a jump into the
     points before and after them, shape (2, m): what does is no reflection.
     """
-    begins = np.zeros(len(off) + 1, dtype=np.bool_)
+    begins, padded = np.zeros(len(off) + 1, dtype=np.bool_), np.pad(off, 1)
     begins[runs.first] = begins[-1] = True
-    first = np.flatnonzero(off & (begins[:-1] | ~np.roll(off, 1)))
-    stop = np.flatnonzero(off & (begins[1:] | ~np.roll(off, -1))) + 1
+    first = np.flatnonzero(off & (begins[:-1] | ~padded[:-2]))
+    stop = np.flatnonzero(off & (begins[1:] | ~padded[2:])) + 1
     return first, stop, ~np.array((begins[first], begins[stop]))
 
 
@@ -169,11 +159,12 @@ def with_doubt_from_others(best: GrooveFit, others: list[GrooveFit]) -> GrooveFi
     others : list of GrooveFit
         Fits of the same points, of any form of the groove, the likeliest first.
     """
-    bare = without_seam_cap(best.fitted)
-    surely = best if bare is best.fitted else replace(best, fitted=bare)
+    surely, runs = replace(best, fitted=without_seam_cap(best.fitted)), find_runs(best.row)
+    on = surely.fitted.points_on_sides
     odds = [exp(-POINT_LOG_ODDS * (other.cost - best.cost)) for other in others]
     covariance = _covariance_of_readings(best, others, odds)
-    covariance += _reflection_covariance(surely) + _unmodelled_steel_covariance(surely)
+    covariance += _reflection_covariance(surely, runs, on)
+    covariance += _unmodelled_steel_covariance(surely, runs, ~on)
     # Each form counts once, by its own likeliest reading. What reflections hide may be of any form.
     each = zip(reversed(others), reversed(odds), strict=True)
     forms = {other.model.name: share for other, share in each if other.model is not best.model}
@@ -242,7 +233,7 @@ def reflection_probability(fitted: FittedProfile) -> float:
 
 
 def share_in_long_stretches(
-    row: Profile, residuals: Array, least: int, *, jumping: float = 1.0
+    runs: PointRuns, residuals: Array, least: int, *, jumping: float = 1.0
 ) -> float:
     """Share of a profile's points that lie far off its sides, in stretches of so many at least.
 
@@ -252,9 +243,10 @@ def share_in_long_stretches(
 
     Parameters
     ----------
-    row : Profile
+    runs : PointRuns
+        Of its points.
     residuals : ndarray, shape (n,)
-        How far its points lie behind their sides, in metres.
+        How far these lie behind their sides, in metres.
     least : int
         Number of points.
     jumping : float
@@ -262,23 +254,18 @@ def share_in_long_stretches(
         for a side that only one end shows to go over into another.
     """
     far = np.abs(residuals) > LEAST_REFLECTION_DISTANCE
-    if not far.any():
-        return 0.0
-    first, stop, joins = stretches_off_surface(find_runs(row.points, row.columns), far)
+    first, stop, joins = stretches_off_surface(runs, far)
     length = stop - first
     counted = length >= least
     share = float((length * counted) @ np.where(joins.any(axis=0), 1.0, jumping))
     return min(share / len(residuals), MOST_REFLECTION_PROBABILITY)
 
 
-def is_outnumbered(row: Profile, fitted: FittedProfile, k: int) -> bool:
+def is_outnumbered(runs: PointRuns, on: NDArray[np.bool_], fitted: FittedProfile, k: int) -> bool:
     """Whether more points that hang together lie off side k, in its place, than any do on it."""
-    runs = find_runs(row.points, row.columns)
-    own = fitted.spans[k]
-    run = np.arange(len(runs.first)).repeat(runs.count)[own]
-    on = fitted.points_on_sides[own]
-    most_on, most_off = (int(np.bincount(run[one], minlength=1).max()) for one in (on, ~on))
-    return most_off >= min(most_on, int(fitted.counts[k]))
+    run = np.arange(len(runs.first)).repeat(runs.count)[fitted.spans[k]]
+    count = np.bincount(run), np.bincount(run, on[fitted.spans[k]])
+    return bool((count[0] - count[1]).max() >= min(count[1].max(), fitted.counts[k]))
 
 
 def count_points_seen_through_face(row: Profile, fitted: FittedProfile, k: int) -> int:
@@ -289,8 +276,8 @@ def count_points_seen_through_face(row: Profile, fitted: FittedProfile, k: int) 
     if np.count_nonzero(behind) < FEWEST_HIDING:
         return 0
     points = row.points[own][behind]
-    on = [np.abs(fitted.curves[j].signed_distances(points)) < noise[j] for j in (k - 1, k + 1)]
-    count = int(np.count_nonzero(on[0] | on[1]))
+    on = np.abs(fitted.distances_from_sides(points)) < noise[:, None]
+    count = int(np.count_nonzero(on[k - 1] | on[k + 1]))
     return count if count >= FEWEST_HIDING else 0
 
 
@@ -321,52 +308,46 @@ def corners_seen_from_both_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
     return np.asarray(gaps_beside_corners(fitted).max(axis=1) < MEETING_REACH)
 
 
-def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
+def _unmodelled_steel_covariance(fit: GrooveFit, runs: PointRuns, off: NDArray[np.bool_]) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
     Points that hang together with those before and after them are no reflections, nor are those
-    that a side goes on with beyond its corner. If they are several, thicker than scale, and begin
-    at a corner, it may be at any of them.
+    that a side goes on with beyond its corner; it is drawn on no farther than it is long. If they
+    are several, and thicker than scale, the corner beside them may be at any of them.
     """
     fitted = fit.fitted
     covariance = np.zeros((2 * len(fitted.curves),) * 2)
-    off = ~fitted.points_on_sides
-    if np.count_nonzero(off) < FEWEST_HIDING:
-        return covariance
-    runs = find_runs(fit.row.points, fit.row.columns)
     first, stop, joins = stretches_off_surface(runs, off)
-    to_corner = np.abs(np.array((first, stop))[..., None] - np.array(fitted.edges)).min(axis=2)
-    between = np.asarray(joins.all(axis=0))
-    steel = between | (joins & (to_corner < FEWEST_HIDING)).any(axis=0)
-    for a, b, joined in zip(first[steel], stop[steel], between[steel], strict=True):
+    lengths = [np.ptp(fitted.along[own]) for own in fitted.spans]
+    for a, b, joined in zip(first, stop, joins[0] & joins[1], strict=True):
         if b - a < FEWEST_HIDING or np.abs(fitted.residuals[a:b]).max() < THICKEST_SCALE:
             continue
         points = fit.row.points[a:b]
-        for i, corner in enumerate(fitted.corners):
+        on = np.median(np.abs(fitted.distances_from_sides(points)), axis=1) < THICKEST_SCALE
+        for i, (corner, edge) in enumerate(zip(fitted.corners, fitted.edges[1:], strict=False)):
             away = points - corner
-            ends = np.hypot(*away[[0, -1]].T)
-            # What lies on a side beside the corner, drawn on, is no light of two bounces.
-            off_sides = [np.abs(c.signed_distances(points)) for c in fitted.curves[i : i + 2]]
-            if not joined and min(map(np.median, off_sides)) >= THICKEST_SCALE:
-                continue
-            if a <= fitted.edges[i + 1] <= b or ends.min() < MEETING_REACH:
+            near = np.hypot(*away[[0, -1]].T).min()
+            beside = a <= edge <= b or near < MEETING_REACH
+            goes_on = near < lengths[i] and a >= edge and on[i]
+            goes_on |= near < lengths[i + 1] and b <= edge and on[i + 1]
+            if goes_on or (joined and beside):
                 own = slice(2 * i, 2 * i + 2)
                 covariance[own, own] += away.T @ away / len(away)
     return covariance
 
 
-def _reflection_covariance(fit: GrooveFit) -> Array:
+def _reflection_covariance(fit: GrooveFit, runs: PointRuns, on: NDArray[np.bool_]) -> Array:
     """What it adds, shape (2 k, 2 k), that a side between others may be no surface.
 
     It surely is one if it goes over, by way of others or not, into the wall or into the leg. What
     goes over only into what itself goes over into neither may be a reflection with it.
     """
-    row, fitted, sides = fit.row, fit.fitted, fit.model.sides
+    fitted, sides = fit.fitted, fit.model.sides
     covariance = np.zeros((2 * len(sides),) * 2)
     meets = corners_seen_from_both_sides(fitted)
     from_wall, from_leg = (np.logical_and.accumulate(m) for m in (meets, meets[::-1]))
     for k, side in enumerate(sides[1:-1], 1):
-        hides = side.bead and is_outnumbered(row, fitted, k)
+        hides = side.bead and is_outnumbered(runs, on, fitted, k)
         together = meets[k - 1 : k + 1]
         # A face that goes over into both sides is steel; a bevel's end may be light all the same.
         if side.bead and together.all() and not hides:
@@ -379,11 +360,9 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
         elif side.bead or together.any():
             # A face that goes over into neither may be half of what such light makes.
             points = int(fitted.counts[k]) // (1 if together.any() else 2)
-            probability = share_in_long_stretches(row, fitted.residuals, points, jumping=jumping)
+            probability = share_in_long_stretches(runs, fitted.residuals, points, jumping=jumping)
         else:
             probability = reflection_probability(fitted)
-        if not probability:
-            continue
         away = np.zeros(len(covariance))
         for i in (k - 1, k):
             away[2 * i : 2 * i + 2] = REFLECTION_DISTANCE * fitted.corner_shift(i, k)

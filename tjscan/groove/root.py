@@ -29,6 +29,7 @@ from tjscan.groove.sides import (
     GrooveFit,
     end_of_support,
     intersect_curves,
+    select_points,
 )
 from tjscan.laser.profile import Profile
 
@@ -267,13 +268,13 @@ def _find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
 
 def _weld_surface(fit: GrooveFit, between: slice) -> Array:
     """Points of a weld's surface, shape (m, 2), of those between its toes, in metres."""
-    points = fit.row.points[between]
-    if not len(points):
-        return points
-    near = np.abs(fit.fitted.curves[-2].signed_distances(points)) < SURFACE_REACH
+    row = select_points(fit.row, between)
+    if not len(row):
+        return row.points
+    near = np.abs(fit.fitted.curves[-2].signed_distances(row.points)) < SURFACE_REACH
     # What hangs together with it is of the surface, too, however high it is.
-    runs = find_runs(points, fit.row.columns[between])
-    return np.asarray(points[np.logical_or.reduceat(near, runs.first).repeat(runs.count)])
+    runs = find_runs(row)
+    return np.asarray(row.points[np.logical_or.reduceat(near, runs.first).repeat(runs.count)])
 
 
 def _is_tack(bow: float, chord: float) -> bool:

@@ -8,7 +8,6 @@ their points and sides cost.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from math import pi, sqrt
 from typing import Final
 
@@ -29,7 +28,7 @@ from tjscan.groove.chains import (
     WIDER_TOLERANCE_COST,
     ChainSearch,
 )
-from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
+from tjscan.groove.refinement import SAME_FIT_DISTANCE, model_values, refine_fit
 from tjscan.groove.reflections import (
     PointRuns,
     count_points_seen_through_face,
@@ -88,7 +87,7 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
     GrooveNotFound
         If the points support none.
     """
-    runs, model = find_runs(row.points, row.columns), settings.model
+    runs, model = find_runs(row), settings.model
     tolerance = settings.support_tolerance
     points = project_points(row, settings.noise)
     pieces = find_pieces(points, runs)
@@ -100,7 +99,7 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
             row.points,
         )
     candidates = propose_candidates(points, pieces)
-    search = ChainSearch(points, candidates, runs, tolerance)
+    curves, search = candidates.as_curves(), ChainSearch(points, candidates, runs, tolerance)
     starts = [
         (chain.cost + COST_PER_SIDE * len(form.sides), form, chain)
         for form in (model, *model.alternatives)
@@ -110,8 +109,11 @@ def find_supported_fits(row: Profile, settings: GrooveSettings) -> list[GrooveFi
     found: list[GrooveFit] = []
     for cost, form, chain in starts:
         if cost <= starts[0][0] + RIVAL_COST_MARGIN or all(fit.objection for fit in found):
-            start = Polyline(candidates.as_curves(chain.sides), chain.corners, chain.cost)
-            found += _refine_chain(row, runs, form, start, settings, found)
+            start = Polyline(tuple(curves[k] for k in chain.sides), chain.corners, chain.cost)
+            known = [fit.fitted.corners for fit in found if fit.model is form]
+            fit = _refine_chain(row, runs, form, start, tolerance, known)
+            if fit is not None:
+                found.append(replace(fit, objection=_reason_to_reject(fit, settings)))
     if not found:
         raise _explain_missing_groove(search, model, row.points)
     supported = [fit for fit in found if not fit.objection]
@@ -141,32 +143,30 @@ def _refine_chain(
     runs: PointRuns,
     model: GrooveModel,
     start: Polyline,
-    settings: GrooveSettings,
-    found: list[GrooveFit],
-) -> list[GrooveFit]:
-    """Refine a chain; none if its sides fit no points together, or lead to a fit that was found."""
-    tolerance = settings.support_tolerance
-    known = [fit.fitted.corners for fit in found if fit.model is model]
+    tolerance: float,
+    known: list[Array],
+) -> GrooveFit | None:
+    """Refine a chain; None if its sides fit no points together, or if its corners are known."""
     best: FittedProfile | None = None
-    least = np.inf
+    costs = np.full(len(row.points), np.inf)
     for annealed in (True, False):
         fitted = refine_fit(row, start, model.sides, tolerance, annealed=annealed, known=known)
         if fitted is not None:
             pays = _costs_of_points_on_sides(fitted, model, tolerance)
             # Reflections count in full: beside many it is fitted in both ways.
-            if (total := float(pays.sum())) < least:
-                best, least, costs = fitted, total, pays
-        if least < start.cost + STRAYED_SUPPORT_SHARE * len(row.points):
+            if pays.sum() < costs.sum():
+                best, costs = fitted, pays
+        if costs.sum() < start.cost + STRAYED_SUPPORT_SHARE * len(costs):
             break
     if best is None or any(
         np.abs(best.corners - other).max() < SAME_FIT_DISTANCE for other in known
     ):
-        return []
+        return None
     cost = float(runs.total_cost(costs)) + COST_PER_SIDE * len(model.sides)
     for k, side in enumerate(model.sides):
         if side.bead:
             cost += SEEN_THROUGH_COST * count_points_seen_through_face(row, best, k)
-    return [GrooveFit(row, model, best, cost, _reason_to_reject(best, model, settings))]
+    return GrooveFit(row, model, best, cost)
 
 
 def _explain_missing_groove(
@@ -206,7 +206,7 @@ def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, toleran
     A side that may be rough explains its points less precisely, which costs them, too.
     """
     if kernel.compiled is not None:
-        costs, values = np.empty(len(fitted.keep)), kernel.model_values(model.sides)
+        costs, values = np.empty(len(fitted.keep)), model_values(model.sides)
         own = fitted.residuals, np.array(fitted.edges), fitted.sigmas, values, costs
         kernel.compiled.costs_of_points(*own, tolerance)
         return costs
@@ -218,22 +218,20 @@ def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, toleran
     return np.asarray(np.minimum(scaled * scaled + less, 1))
 
 
-def _reason_to_reject(
-    fitted: FittedProfile, model: GrooveModel, settings: GrooveSettings
-) -> str | None:
+def _reason_to_reject(fit: GrooveFit, settings: GrooveSettings) -> str | None:
     """Why the points do not bear a fit out; None if they do."""
-    edges, lengths = pairwise(fitted.edges), np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
-    for side, count, (a, b) in zip(model.sides, fitted.counts.tolist(), edges, strict=True):
-        share = count / (b - a)
+    fitted, sides = fit.fitted, fit.model.sides
+    sizes, lengths = np.diff(fitted.edges), np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
+    for side, count, size in zip(sides, fitted.counts.tolist(), sizes.tolist(), strict=True):
+        share = count / size
         if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
             return f"only {count} points, {share:.0%} of those seen there, are on the {side.name}"
-    for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
+    for side, length in zip(sides[1:-1], lengths.tolist(), strict=True):
         if not SIDE_LENGTH_SLACK * side.shortest < length < side.longest / SIDE_LENGTH_SLACK:
             return f"the {side.name} is {1e3 * length:.1f} mm long"
     smooth = fitted.keep.copy()
-    for side, own in zip(model.sides, fitted.spans, strict=True):
-        if side.roughness:
-            smooth[own] = False
+    for side, own in zip(sides, fitted.spans, strict=True):
+        smooth[own] &= not side.roughness
     off = fitted.residuals[smooth]
     rms = sqrt(float(off @ off) / len(off))
     if rms > settings.largest_rms:

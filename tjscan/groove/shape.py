@@ -26,6 +26,7 @@ from tjscan.groove import kernel
 from tjscan.groove.prior import TRIED_NOTCH_PULLS
 from tjscan.groove.refinement import (
     coefficient_covariances,
+    model_values,
     prior_weights,
     solve_with_prior,
 )
@@ -113,9 +114,11 @@ class NotchPull(NamedTuple):
 
 NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
 
-SMOOTH_PULLS: Final = TRIED_NOTCH_PULLS[:, None] <= STEEPEST_PULL * np.concatenate(
-    (TRIED_PULL_REACHES * 2 / np.pi, TRIED_PULL_DECAYS * 2)
+PULL_WEIGHTS: Final = np.gradient(TRIED_NOTCH_PULLS)[:, None] * (
+    TRIED_NOTCH_PULLS[:, None]
+    <= STEEPEST_PULL * np.concatenate((TRIED_PULL_REACHES * 2 / np.pi, TRIED_PULL_DECAYS * 2))
 )
+"""Of each tried pull that is smooth, with each reach and decay: none is likelier than others."""
 
 
 class _Flank(NamedTuple):
@@ -153,7 +156,7 @@ def find_pull(row: Profile, fitted: FittedProfile, k: int) -> NotchPull:
     """
     weight, inward = _weigh_pulls(row, fitted, k)
     total = float(weight.sum())
-    odds = PULL_PRIOR_ODDS * total / (max(len(weight), 1) * np.count_nonzero(SMOOTH_PULLS))
+    odds = PULL_PRIOR_ODDS * total / (max(len(weight), 1) * float(PULL_WEIGHTS.sum()))
     if odds < 1e-4:
         return NO_PULL
     share = weight[:, None] / total
@@ -167,7 +170,7 @@ def pull_log_likelihoods(row: Profile, fitted: FittedProfile, k: int) -> Array:
     For the parameters see `find_pull`.
     """
     weight, _ = _weigh_pulls(row, fitted, k)
-    ways = max(len(weight), 1) * SMOOTH_PULLS.sum(axis=1)
+    ways = max(len(weight), 1) * PULL_WEIGHTS.sum(axis=1)
     likely = np.maximum(weight.sum(axis=(0, 2)) / ways, LEAST_LIKELIHOOD)
     return np.asarray(np.log(np.append(1.0, likely)))
 
@@ -198,18 +201,17 @@ def _weigh_pulls(row: Profile, fitted: FittedProfile, k: int) -> tuple[Array, Ar
             faces.append((line, (0.0, 0.0), flat))
     found = [_pull_costs(*one, flanks, points, bearings) for one in faces]
     known = [pair for pair in found if pair is not None]
-    costs = np.array([cost for cost, _ in known]).reshape(-1, *SMOOTH_PULLS.shape)
-    inward = np.array([corners for _, corners in known]).reshape(-1, 2, len(SMOOTH_PULLS), 1)
+    costs = np.array([cost for cost, _ in known]).reshape(-1, *PULL_WEIGHTS.shape)
+    inward = np.array([corners for _, corners in known]).reshape(-1, 2, len(PULL_WEIGHTS), 1)
     explained = (now - costs) * OUTLIER_SIGMAS**2 / 2 / fitted.variance_inflation
-    return np.asarray(np.exp(explained) * SMOOTH_PULLS), inward
+    return np.asarray(np.exp(explained) * PULL_WEIGHTS), inward
 
 
 def _build_flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:
-    (x, z), (tx, tz) = curve.point_on_curve(s), (sign * t for t in curve.tangent_at(s))
-    px, pz = points.T
+    (x, z), (ax, az), (px, pz) = curve.point_on_curve(s), curve.tangent_at(s), points.T
     with np.errstate(divide="ignore"):
-        inward = (z * px - x * pz) / (tx * pz - tz * px)
-    return _Flank((x, z), (tx, tz), limit, inward, curve.signed_distances(points))
+        inward = sign * (z * px - x * pz) / (ax * pz - az * px)
+    return _Flank((x, z), (sign * ax, sign * az), limit, inward, curve.signed_distances(points))
 
 
 def _pull_costs(
@@ -329,8 +331,8 @@ def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
             *(fitted.along, fitted.residuals, fitted.sigmas, fitted.keep, np.array(fitted.edges)),
             *(fitted.curved, *fitted.equations, fitted.inverse, fitted.weight, fitted.counts),
             *(np.array(fitted.middles), straight),
-            *(TRIED_NOTCH_PULLS, TRIED_PULL_REACHES, TRIED_PULL_DECAYS, SMOOTH_PULLS),
-            *(kernel.model_values(sides), corners, covariance, fitted.variance_inflation),
+            *(TRIED_NOTCH_PULLS, TRIED_PULL_REACHES, TRIED_PULL_DECAYS, PULL_WEIGHTS),
+            *(model_values(sides), corners, covariance, fitted.variance_inflation),
         ):
             raise np.linalg.LinAlgError("the points of a side do not show it")
         return corners, covariance
@@ -376,7 +378,8 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     counts by how likely it is (Bayesian model averaging).
     """
     fitted = fit.fitted
-    spread, expected, *_ = kernel.side_priors(fit.model.sides)
+    values = model_values(fit.model.sides)
+    spread, expected = values[:, :2], values[:, 2]
     bends = spread[:, 0] > 0
     total = coefficient_covariances(fitted, fitted.inverse, fitted.weight, spread)
     if fitted.straight is not None:

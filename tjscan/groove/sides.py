@@ -6,9 +6,9 @@ from, the sides fitted to the points, and the fit of a groove with what is known
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import hypot, nan, sqrt
+from math import hypot, nan
 from statistics import median
 from typing import Final, NamedTuple
 
@@ -114,19 +114,9 @@ class CubicCurve(NamedTuple):
 
     def rebased_at_tangent(self, s: float) -> CubicCurve:
         """Nearly the same curve, written over its tangent at s."""
-        q, slope = self.height_and_slope(s)
-        square = 1 + slope * slope
-        scale = 1 / sqrt(square)
-        return CubicCurve(
-            self.cx + s * self.tx + q * self.tz,
-            self.cz + s * self.tz - q * self.tx,
-            (self.tx + slope * self.tz) * scale,
-            (self.tz - slope * self.tx) * scale,
-            0.0,
-            0.0,
-            (self.c2 + 3 * s * self.c3) / (square * sqrt(square)),
-            self.c3,
-        )
+        _, slope = self.height_and_slope(s)
+        bend = (self.c2 + 3 * s * self.c3) / hypot(1.0, slope) ** 3
+        return CubicCurve(*self.point_on_curve(s), *self.tangent_at(s), 0.0, 0.0, bend, self.c3)
 
 
 def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float, float] | None:
@@ -134,16 +124,13 @@ def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float,
 
     None if they do not meet near enough to the start.
     """
-    ax, az, atx, atz, a0, a1, a2, a3 = a
-    bx, bz, btx, btz, b0, b1, b2, b3 = b
-    rx, rz = ax - bx, az - bz
-    along, away = rx * btx + rz * btz, rx * btz - rz * btx
-    cos, sin = atx * btx + atz * btz, atx * btz - atz * btx
+    rx, rz = a.cx - b.cx, a.cz - b.cz
+    along, away = rx * b.tx + rz * b.tz, rx * b.tz - rz * b.tx
+    cos, sin = a.tx * b.tx + a.tz * b.tz, a.tx * b.tz - a.tz * b.tx
     s = start
     for _ in range(12):
-        q, dq = a0 + s * (a1 + s * (a2 + s * a3)), a1 + s * (2 * a2 + 3 * s * a3)
-        sb = along + s * cos - q * sin
-        qb, dqb = b0 + sb * (b1 + sb * (b2 + sb * b3)), b1 + sb * (2 * b2 + 3 * sb * b3)
+        q, dq = a.height_and_slope(s)
+        qb, dqb = b.height_and_slope(along + s * cos - q * sin)
         slope = sin + dq * cos - dqb * (cos - dq * sin)
         if abs(slope) < _PARALLEL_SINE:
             return None
@@ -151,11 +138,7 @@ def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float,
         s -= step
         if abs(step) < _SETTLED_NEWTON_STEP:
             break
-    if (
-        not abs(s) < _FARTHEST_CORNER_DISTANCE
-        or abs(dq) > STEEPEST_SLOPE
-        or abs(dqb) > STEEPEST_SLOPE
-    ):
+    if not abs(s) < _FARTHEST_CORNER_DISTANCE or max(abs(dq), abs(dqb)) > STEEPEST_SLOPE:
         return None
     q, _ = a.height_and_slope(s)
     return s, along + s * cos - q * sin
@@ -170,6 +153,12 @@ def end_of_support(support: NDArray[np.bool_]) -> int:
     ]
     where = (near > SUPPORT_NEIGHBOURS).nonzero()[0]
     return int(where[-1]) + 1 if len(where) else 0
+
+
+def select_points(profile: Profile, chosen: Index | NDArray[np.bool_] | slice) -> Profile:
+    """Some of a profile's points, by their numbers a mask or a slice."""
+    x_s, z_s = profile.x_s[chosen], profile.z_s[chosen]
+    return replace(profile, x_s=x_s, z_s=z_s, columns=profile.columns[chosen])
 
 
 class Polyline(NamedTuple):
@@ -269,6 +258,10 @@ class FittedProfile:
         own = self.curves[side].tangent_at(self.places[corner][j])
         tx, tz = self.curves[corner + 1 - j].tangent_at(self.places[corner][1 - j])
         return np.array((tx, tz)) / (tx * own[1] - tz * own[0])
+
+    def distances_from_sides(self, points: Array) -> Array:
+        """Signed distances of points, shape (n, 2), from all sides, drawn on, shape (k, n)."""
+        return np.array([curve.signed_distances(points) for curve in self.curves])
 
     @property
     def points_on_sides(self) -> NDArray[np.bool_]:

@@ -25,12 +25,13 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
-from tjscan.groove.reflections import reflection_probability
+from tjscan.groove.reflections import reflection_probability, without_seam_cap
 from tjscan.groove.shape import pull_log_likelihoods
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
     CubicCurve,
+    FittedProfile,
     GrooveFit,
     Polyline,
     corners_between_sides,
@@ -132,6 +133,7 @@ def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
         return None
     base = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
     s, d = base.local_coordinates(fit.row.points[own])
+    corner = base.position_along_chord(*fitted.corners[0 if k == 0 else -1].tolist())
     d = d - base.c3 * s**3
     blocks = near[: count * POINTS_PER_SCALE_BLOCK].reshape(count, POINTS_PER_SCALE_BLOCK)
     along = s[blocks].mean(axis=1)
@@ -140,7 +142,7 @@ def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
     correlated = min(fitted.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
     sigma, expected = hypot(least * sqrt(correlated), BLOCK_UNDULATION), side.expected_bend or 0.0
     surfaces = np.vstack((_surfaces_through_blocks(along, heights), (base.c0, base.c1, base.c2)))
-    off = heights - surfaces @ np.vander(along, 3, increasing=True).T
+    off = heights - surfaces @ np.array((np.ones(count), along, along**2))
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
     costs += ((surfaces[:, 2] - expected) / side.bend) ** 2
     cheapest = costs.min(axis=1)
@@ -154,7 +156,6 @@ def _find_steel(fit: GrooveFit, k: int, known: Array) -> SideOnSteel | None:
     )
     c0, c1, c2 = surface.tolist()
     likely = np.exp(-0.5 * BLOCK_EVIDENCE_WEIGHT * (cost - cost[best]))
-    corner = base.position_along_chord(*fitted.corners[0 if k == 0 else -1].tolist())
     away = (surfaces - surfaces[best]) @ np.array((1.0, corner, corner * corner))
     return SideOnSteel(
         np.asarray(log_thicknesses),
@@ -176,7 +177,7 @@ def _fit_steel(
 ) -> tuple[NDArray[np.bool_], Array, float, float]:
     """Which points, s and d, lie on scale; the steel; its bend and sigma by the points alone."""
     (s, d), (expected, spread) = points, known_bend
-    basis = np.vander(s, 3, increasing=True).T
+    basis = np.array((np.ones_like(s), s, s * s))
     known = np.diag((0.0, 0.0, spread**-2))
     for _ in range(MOST_STEEL_ROUNDS):
         off = d - surface @ basis
@@ -242,8 +243,10 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    if prior is None and not any(_has_mill_scale_steps(fit, k) for k in (0, -1)):
-        return fit
+    if prior is None:
+        fitted = without_seam_cap(fit.fitted)
+        if not any(_has_mill_scale_steps(fitted, k) for k in (0, -1)):
+            return fit
     bare = _fit_without_scale(fit, prior, tolerance)
     moved = np.abs(bare.fitted.corners - fit.fitted.corners).max() > tolerance
     if moved and reflection_probability(bare.fitted) < MOST_REFLECTED_BESIDE_SCALE:
@@ -254,13 +257,14 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     return _fit_without_pull(bare, prior, tolerance)
 
 
-def _has_mill_scale_steps(fit: GrooveFit, k: int) -> bool:
+def _has_mill_scale_steps(fitted: FittedProfile, k: int) -> bool:
     """Whether a side steps up and down, as scale does that has flaked off in part, and no wave."""
-    residuals = fit.fitted.residuals[fit.fitted.spans[k]]
+    residuals = fitted.residuals[fitted.spans[k]]
     near = residuals[np.abs(residuals) < SURFACE_REACH]
     blocks = near[: len(near) // STEP_BLOCK * STEP_BLOCK].reshape(-1, STEP_BLOCK)
-    steps = np.abs(np.diff(np.sort(blocks, axis=1)[:, STEP_BLOCK // 2])) > LEAST_SCALE_STEP
-    return bool(np.count_nonzero(steps) >= FEWEST_SCALE_STEPS)
+    steps = np.abs(np.diff(np.sort(blocks, axis=1)[:, STEP_BLOCK // 2]))
+    scale = (steps > LEAST_SCALE_STEP) & (steps < SCALE_THICKNESSES[-1])
+    return bool(np.count_nonzero(scale) >= FEWEST_SCALE_STEPS)
 
 
 def _fit_without_scale(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) -> GrooveFit:

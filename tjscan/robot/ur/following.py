@@ -105,7 +105,7 @@ class UrFollowing:
 
     def __init__(self, session: ControllerSession) -> None:
         self._session, self._states = session, list[ArmState]()
-        self._epoch, self._answered, self._since = 0, True, np.inf
+        self._epoch, self._answered, self._refused, self._since = 0, True, False, np.inf
         self._origin = np.nan
         self._await_begin()
         self._motion = self._before = JointMotion.at_rest(self._states[-1].q, self.now)
@@ -144,7 +144,13 @@ class UrFollowing:
         for at, *values in report.states:
             T_b_f = pose_vector.pose_from_vector(np.array(values[6:])) @ self._session.T_tcp_f
             self._states.append(ArmState(np.array(values[:6]), T_b_f, at))
-        self.now, self._verdict = report.path_time + self._origin, report.verdict
+        self.now = report.path_time + self._origin
+        if not self._answered:
+            late = report.verdict != self._epoch and self.now > self._since
+            self._refused = late or report.verdict == -self._epoch
+            self._answered = self._refused or report.verdict == self._epoch
+            if self._refused:
+                self._motion = self._before
 
     def _report(self) -> PathReport:
         return self._session.call_client_method(PathReport, "report_path")
@@ -168,21 +174,19 @@ class UrFollowing:
         """Wait until the path that was sent last is followed; raises as `replace` does."""
         limit = time.monotonic() + ANSWER_LIMIT
         while not self._answered:
-            self._answered = self._verdict == self._epoch
-            if self._verdict == -self._epoch or (not self._answered and self.now > self._since):
-                self._motion, self._answered = self._before, True
-                raise errors.PathNotExtended(
-                    "the path sent before came too late to the controller, which follows the one "
-                    "before that to its end"
-                )
             if time.monotonic() > limit:
                 raise errors.PathNotExtended(
                     "the controller has not answered to the path sent before: its speed slider is "
                     "at zero, or the network slow"
                 )
-            if not self._answered:
-                time.sleep(MOVE_POLL_PERIOD)
-                self._refresh()
+            time.sleep(MOVE_POLL_PERIOD)
+            self._refresh()
+        if self._refused:
+            self._refused = False
+            raise errors.PathNotExtended(
+                "the path sent before came too late to the controller, which follows the one "
+                "before that to its end"
+            )
 
 
 def _fault_of_path(report: PathReport) -> errors.ArmFault:
