@@ -155,7 +155,9 @@ def try_fault(
             run_scan(ScanContext(job, PAPER), run)
         except TjscanError as error:
             ended = f"{type(error).__name__}: {error}"
-            expected = isinstance(error, ArmFault) and fault in ENDING
+            # Registers frozen for as long as the program waits for a sign of life may end it, too.
+            ends = fault in ENDING or fault is InjectedFault.FREEZE_REGISTERS
+            expected = isinstance(error, ArmFault) and ends
         else:
             expected = True  # it passed, or came after the scan
         for timer in watch.timers:
