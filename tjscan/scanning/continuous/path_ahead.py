@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import ceil
 from typing import Final, Self
 
@@ -20,6 +21,9 @@ from tjscan.scanning.continuous.seam_ahead import SeamAhead
 
 PLANNING_TIME: Final = 0.15
 """Seconds from the state that a path is planned for until the arm can be on it."""
+
+STARTING_TIME: Final = 0.35
+"""Seconds that a path from rest begins later, where the arm's clock goes on meanwhile."""
 
 KEPT_LENGTH: Final = 16e-3
 """Metres of the old path that the new one keeps beyond: a spline bends before it turns off."""
@@ -62,6 +66,14 @@ class FollowedPath:
         still = CubicSpline((length - SLOPE_LENGTH, length), (q, q))
         times = np.array((time - 1.0, time))
         return cls(still, LengthOverTime(times, np.full(2, length), np.zeros(2)))
+
+    def begun_from_rest(self, now: float) -> Self:
+        """The same, but later if the arm took its time until it could follow."""
+        late = now + PLANNING_TIME - self.gone.times[0]
+        if late <= 0.0:
+            return self
+        gone = replace(self.gone, times=self.gone.times + late + STARTING_TIME)
+        return replace(self, gone=gone)
 
     @property
     def leads_on(self) -> bool:

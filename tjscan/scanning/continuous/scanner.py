@@ -98,6 +98,7 @@ class ContinuousScanner(Scanner):
         self._arm, laser = devices_that_follow(setup.arm, setup.laser)
         p_s_t = np.array((plan.offset, 0.0, plan.standoff))
         self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
+        self._T_b_f_second = T_b_f_second
         self._second_point = self._planner.groove_point(T_b_f_second)
         self._poses, self._clock = ActualPoses(kinematics), LaserClock()
         self._stream = PlacedProfiles(laser, self._poses, ProfileRepeats())
@@ -144,8 +145,9 @@ class ContinuousScanner(Scanner):
                 return ended
             why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
             sections = self._log.sections
-            if len(planning_sections(sections)) == 1:  # the arm rests at the second taught pose
-                self._scan_taught("second", self._setup.arm.state())
+            if len(planning_sections(sections)) == 1:  # the arm rests at the second taught pose,
+                # or before it, if its controller did not take the path there
+                self._scan_taught("second", self._taker.move_joint_to_pose(self._T_b_f_second))
                 length = self._second_length
             elif self._length > reached:
                 self._log.record_event(ScanEvent.RETREAT, why)
@@ -173,6 +175,7 @@ class ContinuousScanner(Scanner):
         rests = False
         with self._arm.follow() as following:
             if path.leads_on:
+                path = path.begun_from_rest(self._setup.arm.state().time)
                 following.replace(path.motion)
             for placed in self._stream.placed(following, self._clock):
                 self._stop.raise_if_stop_now()
@@ -295,6 +298,7 @@ class ContinuousScanner(Scanner):
         profiles, seen = [], []
         path = self._planner.shuttle(state.q, state.time)
         with self._arm.follow() as following:
+            path = path.begun_from_rest(self._setup.arm.state().time)
             following.replace(path.motion)
             for profile in self._stream.profiles(following):
                 self._stop.raise_if_stop_now()
