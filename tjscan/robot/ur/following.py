@@ -110,6 +110,11 @@ class UrFollowing:
         self._await_begin()
         self._motion = self._before = JointMotion.at_rest(self._states[-1].q, self.now)
 
+    @property
+    def end(self) -> float:
+        """When the path that is followed ends. See `Following.end`."""
+        return self._motion.end
+
     def states(self) -> Sequence[ArmState]:
         """States since the last call. See `Following.states`."""
         self._refresh()

@@ -19,7 +19,7 @@ from tjscan.robot.path import LARGEST_JOINT_TURN, MotionLimits, linear_waypoints
 from tjscan.robot.time_optimal import LengthOverTime, PathTiming, joint_motion, path_through
 from tjscan.scanning.continuous.seam_ahead import SeamAhead
 
-PLANNING_TIME: Final = 0.15
+PLANNING_TIME: Final = 0.3
 """Seconds from the state that a path is planned for until the arm can be on it."""
 
 STARTING_TIME: Final = 0.35

@@ -104,6 +104,7 @@ class ContinuousScanner(Scanner):
         self._stream = PlacedProfiles(laser, self._poses, ProfileRepeats())
         self._fuser = ProfileFuser(plan.section_spacing, p_s_t)
         self._along_b = np.zeros(3)
+        self._path_before: FollowedPath
         # Lengths along the groove: of the last section, of the one that a path was planned from
         # last, and of the second taught pose.
         self._length = self._planned_length = self._second_length = 0.0
@@ -172,7 +173,7 @@ class ContinuousScanner(Scanner):
 
     def _follow(self, path: FollowedPath) -> None:
         """Follow a path, leading it on along the groove, until the arm rests at its end."""
-        rests = False
+        rests, self._path_before = False, path
         with self._arm.follow() as following:
             if path.leads_on:
                 path = path.begun_from_rest(self._setup.arm.state().time)
@@ -188,7 +189,7 @@ class ContinuousScanner(Scanner):
                     self._planned_length = self._length
                     path = self._lead_on(following, path)
                 # A laser that is silent is waited for.
-                if placed and placed[-1][0].time > path.end + SETTLING_TIME:
+                if self._stream.heard > path.end + SETTLING_TIME:
                     return
 
     def _take(self, state: ArmState, profile: Profile) -> None:
@@ -258,7 +259,9 @@ class ContinuousScanner(Scanner):
             following.replace(new.motion)
         except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathNotExtended) as error:
             self._why_not_on = str(error)
-            return path
+            # A controller that refused the last path follows the one before.
+            return min((path, self._path_before), key=lambda one: abs(one.end - following.end))
+        self._path_before = path
         return new
 
     def _lead_to_rest(self, following: Following, path: FollowedPath) -> tuple[FollowedPath, bool]:
