@@ -23,7 +23,7 @@ MOST_APART = 5e-5
 SECTIONS_OF_START = 10
 """Sections at the start, where the scans of both arms are up to 0.15 mm beside the true edges."""
 
-LENGTH = 60.0
+LENGTH = 40.0
 SPACING = 2.0
 """Millimetres beyond the second taught pose, and between sections."""
 
@@ -51,7 +51,7 @@ def test_corners_are_those_of_the_simulated_arm(
     options = [
         *(f"--{key}={value}" for key, value in FAULTLESS.items() if "noise" not in key),
         "--simulation.laser.noise_mm=0.002",  # a profile that is another's twin does not count
-        *("--scan.mode", "continuous", f"--scan.length_mm={LENGTH}", "--scan.speed_mm_s=20"),
+        *("--scan.mode", "continuous", f"--scan.length_mm={LENGTH}", "--scan.speed_mm_s=12"),
     ]
     assert tjscan("scan", PAPER, "--out", tmp_path / "simulated", *options) == 0
     with UrLoopbackProcess(address(), "--hz", "500", "--fast", "--clock", "900", "60") as arm:
