@@ -39,6 +39,10 @@ LEAST_SEEN_SHARE_OF_SIDE, LARGEST_SHARE_OF_HIDDEN_SIDE = 0.1, 0.3
 since hides much of a bevel, but over another joint only the places where outlines cross agree. And
 up to which a side counts as hidden if a bead covers its edge, for outlines cross there, too."""
 
+CROSSING_SIGMA: Final = 0.3e-3
+"""Metres by which a side up to that share is misplaced across, as a standard deviation, if no bead
+is seen to cover its edge: what seems to be left of it may be where a bead's outline crosses it."""
+
 EDGE_SLOPE, BEVEL_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 0.8, 1e-3, 0.2e-3
 """Slope from which a reference is no plate, and from which no bead's toe; and metres to both sides
 of a place at its edge or inside of it where a bead that hides the edge stands over the plate by so
@@ -305,11 +309,14 @@ def register_profile(
             break
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
+    crossed = [0.0, 0.0]
     if not by_one_side:
         points = (u, deep - place[1], slope, spread)
-        hidden = _side_hidden(reference, points, away, weight)
-        if hidden is None:
+        shown = _side_hidden(reference, points, away, weight)
+        if shown is None:
             return None
+        hidden, seen = shown
+        crossed = [CROSSING_SIGMA * (share < LARGEST_SHARE_OF_HIDDEN_SIDE) for share in seen]
         if hidden:
             # Where the bead's outline crosses the reference its points seem to lie on it.
             left = hidden * u > _edge_of(reference, hidden) + EDGE_HALF_WIDTH
@@ -321,8 +328,9 @@ def register_profile(
     excess = max(float(weight @ (away / spread) ** 2) / float(weight.sum()), 1.0)
     moves = np.linalg.solve(information, moves)
     variance = excess * float(moves @ information @ moves)
-    for side, wander in zip((u < 0, u > 0), reference.wander, strict=True):
-        variance += (wander * float(moves @ (weighted[side].T @ slope[side]))) ** 2
+    aside = np.hypot(reference.wander, crossed)
+    for side, sigma in zip((u < 0, u > 0), aside, strict=True):
+        variance += (sigma * float(moves @ (weighted[side].T @ slope[side]))) ** 2
     # By one side half the width tells where the middle is.
     shared = hypot(reference.centre_sigma, by_one_side * reference.closing / 2)
     found = JointPlacement(
@@ -337,8 +345,10 @@ def register_profile(
 
 def _side_hidden(
     reference: ReferenceProfile, points: tuple[Array, ...], away: Array, weight: Array
-) -> int | None:
+) -> tuple[int, list[float]] | None:
     """The side that a bead hides: -1 or 1, or 0 if both show where the joint is; None if none does.
+
+    And the share of each side that is seen.
 
     Parameters
     ----------
@@ -366,7 +376,7 @@ def _side_hidden(
         if information[side] @ deeper > MOST_DEEPER_SHARE * total:
             return None
     if not any(covered):
-        return 0
+        return 0, seen
     hidden = -1 if seen[0] < seen[1] else 1
     edge = np.abs(-hidden * u - _edge_of(reference, -hidden)) < EDGE_HALF_WIDTH
     is_shown = max(seen) > LEAST_SEEN_SHARE_OF_ONE_SIDE or (
@@ -375,7 +385,7 @@ def _side_hidden(
         and np.abs(slope[edge]).max() > BEVEL_SLOPE
     )
     changes = np.median(reference.noise[np.abs(reference.slope) > EDGE_SLOPE])
-    return hidden if is_shown and changes < LARGEST_CHANGE_ALONG else None
+    return (hidden, seen) if is_shown and changes < LARGEST_CHANGE_ALONG else None
 
 
 def _is_covered(out: Array, depth: Array, reference: ReferenceProfile, outward: int) -> bool:
