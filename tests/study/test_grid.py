@@ -39,7 +39,10 @@ def test_a_study_expands_to_the_same_trials_each_time(expand: Expand) -> None:
     tables: dict[str, Any] = {
         "job": str(ANY_JOINT),
         "seeds": 2,
-        "fixed": {"rule": {"start_azimuth_deg": "any", "carry_base": True, "centre_view": True}},
+        "fixed": {
+            "scan.sections": 8,
+            "rule": {"start_azimuth_deg": "any", "carry_base": True, "centre_view": True},
+        },
         "grid": {"joint.brace.wall_mm": [16.0, 25.4]},
     }
     first, second = expand(**tables), expand(**tables)

@@ -308,6 +308,16 @@ class GrooveNotFound(TjscanError):
         super().__init__(f"no groove found ({reason}): {detail}")
 
 
+class PathNotExtended(TjscanError):
+    """A path that an arm follows can't be led on: what it was given before is followed to its end.
+
+    Parameters
+    ----------
+    why : str
+        The reason, with numbers.
+    """
+
+
 class SetPointTooFar(TjscanError):
     """The set-point of the next section is further from the last one than the scan's step allows.
 

@@ -41,6 +41,11 @@ def kinematics_of_job(job: CellJob) -> Kinematics:
         return Kinematics.load(job.arm.model)
 
 
+def motion_limits_of_job(job: CellJob) -> MotionLimits:
+    """How fast a job's arm may go, in single moves and along paths that grow."""
+    return MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
+
+
 def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> ClearPathPlanner:
     """Planner that keeps a job's arm clear of its surroundings, whichever driver moves it.
 
@@ -235,7 +240,7 @@ def make_cell(
     device: Arm = job.arm.make_device(
         ArmDriverInputs(
             model,
-            MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
+            motion_limits_of_job(job),
             seed=0 if simulation is None else simulation.seed,
             simulation=None if simulation is None else simulation.arm,
             left=left,
@@ -248,7 +253,8 @@ def make_cell(
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     true_flange = partial(arm_driver.truth, device)
-    flange = LaserFlange.of_arm(true_flange, device.state)
+    pass_time = partial(arm_driver.pass_time, device)
+    flange = LaserFlange.of_arm(true_flange, device.state, pass_time)
     inputs = _laser_driver_inputs(job, flange, T_f_s, scene, lambda: recording()[::2])
     return Cell(arm, job.laser.make_device(inputs), T_f_s, clearance, true_flange)
 

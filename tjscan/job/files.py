@@ -183,6 +183,12 @@ class ScanJob(CellJob):
                 f"{self.groove.model.name!r} has no section of five points, which a scan needs; "
                 f"choose one of {', '.join(able)}",
             )
+        if self.scan.mode == "continuous" and self.scan.sections is not None:
+            yield (
+                "scan.sections",
+                'a continuous scan (mode = "continuous") has a section every section_mm: say how '
+                "far it shall go with length_mm",
+            )
         for which in ("first", "second"):
             taught = getattr(self.scan, which) is not None
             if taught == bool(self.station):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from time import sleep
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
@@ -35,16 +36,24 @@ class LaserFlange:
         Returns the pose that the arm reports, shape (4, 4).
     time : callable
         Returns the seconds on the arm's clock.
+    pass_time : callable
+        Lets some seconds pass on it.
     """
 
     truth: Callable[[], Array]
     T_b_f: Callable[[], Array]
     time: Callable[[], float]
+    pass_time: Callable[[float], object] = sleep
 
     @classmethod
-    def of_arm(cls, truth: Callable[[], Array], state: Callable[[], Any]) -> LaserFlange:
+    def of_arm(
+        cls,
+        truth: Callable[[], Array],
+        state: Callable[[], Any],
+        pass_time: Callable[[float], object] = sleep,
+    ) -> LaserFlange:
         """The flange of an arm that reports its state, an `ArmState` of the room above."""
-        return cls(truth, lambda: state().T_b_f, lambda: state().time)
+        return cls(truth, lambda: state().T_b_f, lambda: state().time, pass_time)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +121,7 @@ def _make_simulated_laser(context: LaserDriverInputs, settings: NoSettings) -> L
         model=context.model,
         rng=np.random.default_rng([context.seed, LASER_NOISE_RANDOM_STREAM]),
         clock=carrier.time,
+        pass_time=carrier.pass_time,
         make=context.seed if context.model.linearity_seed is None else context.model.linearity_seed,
     )
 

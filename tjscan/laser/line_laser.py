@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -19,6 +20,31 @@ class LineLaser(Device, Protocol):
         ------
         LaserFault
             If no profile came.
+        """
+
+
+@runtime_checkable
+class StreamingLaser(Protocol):
+    """A line laser that takes profiles as the arm moves, and says when each was taken."""
+
+    def stream(self, period: float) -> Iterator[Profile | None]:
+        """Take profiles one after another, without end.
+
+        Parameters
+        ----------
+        period : float
+            Seconds between two of them.
+
+        Yields
+        ------
+        Profile or None
+            With the time in the middle of its exposure, in seconds on the laser's own clock: it
+            may be off the arm's and drift. None each time that none came.
+
+        Raises
+        ------
+        LaserFault
+            If the laser is not connected.
         """
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Self
 
 from annotated_types import Ge, Le
 
-from tjscan.core.units import MM, NOT_IN_FILE, POINTS, SettingsTable
+from tjscan.core.units import MILLISECONDS, MM, NOT_IN_FILE, POINTS, PPM_UNIT, SettingsTable
 
 STANDARD_Z_RANGE: Final = (0.190, 0.290)
 """Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""
@@ -133,6 +133,12 @@ class LaserModel(SettingsTable):
         between them.
     step : float
         Raw coordinates are whole multiples of this; zero for no quantisation.
+    clock_offset : float
+        By which the sensor's own clock is ahead of the arm's in a stream of profiles, seconds.
+    clock_drift : float
+        By which it runs faster, as a share.
+    delay, delay_jitter : float
+        Seconds from a profile's exposure until it is there, and their standard deviation.
     occlusion : bool
         Whether what the detector does not see is lost; without, it sits on the emitter.
     """
@@ -170,6 +176,10 @@ class LaserModel(SettingsTable):
     interreflection_reach: Annotated[float, NOT_IN_FILE] = 4e-3
     notch: Annotated[float, NOT_IN_FILE] = math.radians(20)
     step: Annotated[float, Ge(0), Le(1), MM.with_key("resolution_mm")] = 5e-6
+    clock_offset: Annotated[float, Ge(-10_000), Le(10_000), MILLISECONDS] = 0.02
+    clock_drift: Annotated[float, Ge(-1000), Le(1000), PPM_UNIT] = 50e-6
+    delay: Annotated[float, NOT_IN_FILE] = 2e-3
+    delay_jitter: Annotated[float, Ge(0), Le(100), MILLISECONDS] = 0.5e-3
     occlusion: bool = True
 
     @property

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from time import sleep
 from typing import Final
 
 import numpy as np
@@ -235,6 +236,8 @@ class SimulatedLaser(LocalDevice):
         fault draws in the k-th profile depends on neither the other faults nor earlier views.
     clock : callable
         Gives the time in seconds.
+    pass_time : callable, optional
+        Lets some seconds pass on it.
     make : int, optional
         Decides how the sensor's own calibration is off, see `LaserModel.linearity`: which sensor
         of its kind it is.
@@ -250,11 +253,12 @@ class SimulatedLaser(LocalDevice):
         model: LaserModel,
         rng: Generator,
         clock: Callable[[], float],
+        pass_time: Callable[[float], object] = sleep,
         make: int = 0,
     ) -> None:
         self.model = model
         self._surface, self._pose, self._clock = surface, pose, clock
-        self._rng = rng
+        self._rng, self._pass_time = rng, pass_time
         self._directions_s = laser_ray_directions(model)
         self._distortion = Distortion.draw_in_window(model, make)
 
@@ -268,6 +272,17 @@ class SimulatedLaser(LocalDevice):
         """
         points = self.capture_with_origins()
         return Profile(points.x_s, points.z_s, points.intensity, self._clock())
+
+    def stream(self, period: float) -> Iterator[Profile]:
+        """Take profiles as the arm moves. See `StreamingLaser.stream`."""
+        model, waited = self.model, 0.0
+        while True:
+            self._pass_time(max(period - waited, 0.0))
+            profile = self.capture()
+            waited = max(model.delay + model.delay_jitter * self._rng.standard_normal(), 0.0)
+            self._pass_time(waited)
+            stamp = (profile.time + model.clock_offset) * (1.0 + model.clock_drift)
+            yield replace(profile, time=stamp)
 
     def capture_with_origins(self) -> SimulatedProfile:
         """Take one profile with the origin of each point; raises as `capture` does."""

@@ -50,6 +50,7 @@ SUMMED_SUMMARY_KEYS: Final = (
     "merged",
     "nudges",
     "retreats",
+    "stepwise",
     "flange_travel_mm",
     "flange_rotation_deg",
     "motion_time_s",
@@ -140,7 +141,7 @@ class ScanSummary:
         Profiles for each section that was not taught; None without one.
     corrections_skipped : int
         Sections whose prediction view was good enough.
-    taken_again, merged, nudges, retreats : int
+    taken_again, merged, nudges, retreats, stepwise : int
         How often each remedy was tried, see `tjscan.scanning.journal.RetryCounts`.
     uncertainty : BudgetSummary or None
         Where the uncertainty of its corners and measures comes from; None in older files.
@@ -169,6 +170,7 @@ class ScanSummary:
     merged: int = 0
     nudges: int = 0
     retreats: int = 0
+    stepwise: int = 0
     uncertainty: BudgetSummary | None = None
     provenance: Provenance | None = None
 

@@ -88,6 +88,32 @@ def write_sections_csv(
     )
 
 
+def write_smoothed_csv(
+    file: Path, sections: Sequence[MeasuredSection], corners: Array, provenance: Provenance
+) -> None:
+    """Write ``smoothed.csv``: corners smoothed along the groove, beside those that were read.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    sections : sequence of MeasuredSection
+        Whose corners they are.
+    corners : ndarray, shape (n, 3, 3)
+        p2, p3 and p4, metres; not a number where a corner is not seen.
+    provenance : Provenance
+        Is above the table.
+    """
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        stream.write(provenance.comment_lines(COMMENT_MARK))
+        writer = csv.writer(stream, lineterminator="\n")
+        axes = [f"{corner}_{axis}_mm" for corner in ("p2", "p3", "p4") for axis in "xyz"]
+        writer.writerow(["section", *axes])
+        for section, row in zip(sections, 1e3 * corners.reshape(-1, 9), strict=True):
+            cells = ("" if np.isnan(value) else f"{value:.4f}" for value in row)
+            writer.writerow([section.index, *cells])
+
+
 def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
     """Read ``sections.csv``: what was written, to the digits that were printed.
 

@@ -99,6 +99,20 @@ class ClearPathPlanner:
         self._check_clear_of_bodies(path, T_b_f)
         return np.asarray(path[-1])
 
+    def check_motion_is_clear(self, path: Array) -> None:
+        """Check a path through joint angles, shape (m, n), in radians; see `PathBlocked`.
+
+        Raises
+        ------
+        PathBlocked
+            If arm or tool come too near to something.
+        PoseUnreachable
+            If it comes too near to a singularity.
+        """
+        T_b_f = self.kinematics.forward(path[-1])
+        self._check_clear_of_singularities(path, T_b_f)
+        self._check_clear_of_bodies(path, T_b_f)
+
     def line_is_clear(self, q: Array, goal: Array) -> bool:
         """Whether a line in joint space keeps clear, and ends in no singularity.
 

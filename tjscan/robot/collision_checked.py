@@ -9,6 +9,7 @@ reached.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final, Self
@@ -20,6 +21,7 @@ from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.robot.arm import Arm, ArmState, MotionLock
 from tjscan.robot.clearance import ClearPathPlanner
+from tjscan.robot.following import Following, JointMotion, check_can_follow
 
 POSTURE_TREE_STEP: Final = 0.5
 """Radians of joint space, summed in squares over the joints, by which a tree grows at once."""
@@ -189,6 +191,27 @@ class ClearPath:
         return f"{1e3 * lift:.0f} mm back, across {how} and forward"
 
 
+class CollisionCheckedFollowing:
+    """An arm that follows paths which are checked for collisions before it does.
+
+    Parameters
+    ----------
+    following : Following
+        The arm.
+    clearance : ClearPathPlanner
+        What paths must keep.
+    """
+
+    def __init__(self, following: Following, clearance: ClearPathPlanner) -> None:
+        self._following, self._clearance = following, clearance
+        self.states = following.states
+
+    def replace(self, motion: JointMotion) -> None:
+        """Check a motion, and follow it. See `Following.replace`."""
+        self._clearance.check_motion_is_clear(motion.q)
+        self._following.replace(motion)
+
+
 class CollisionCheckedArm:
     """Any arm whose paths are checked for collisions, as a whole, before anything moves.
 
@@ -290,6 +313,17 @@ class CollisionCheckedArm:
         With `near` it ends in that configuration and no other.
         """
         return self._move_on_clear_path(T_b_f, straight=False, near=near, direct=direct)
+
+    @property
+    def moving_arm(self) -> Arm:
+        """The arm that moves."""
+        return self._arm
+
+    @contextmanager
+    def follow(self) -> Iterator[Following]:
+        """Follow paths that grow, each checked before it is followed. See `FollowingArm.follow`."""
+        with self._latch.hold_for_move(), check_can_follow(self._arm).follow() as following:
+            yield CollisionCheckedFollowing(following, self.clearance)
 
     def stop(self) -> None:
         """Bring the arm to rest now, and begin no further segment. See `Arm.stop`."""

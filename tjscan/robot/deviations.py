@@ -11,6 +11,8 @@ manipulators, J. Robotic Systems 2(4), on why DH parameters do not).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +21,7 @@ from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.robot.arm import Arm, ArmState
+from tjscan.robot.following import Following, check_can_follow
 from tjscan.robot.kinematics import Kinematics
 
 
@@ -68,6 +71,26 @@ def deviations_of_longer_links(kinematics: Kinematics) -> Array:
     own = np.einsum("nji,nj->ni", placements[:, :3, :3], placements[:, :3, 3])
     along = np.einsum("nji,nj->ni", joint_axis_bases(kinematics), own)
     return np.hstack((along, np.zeros_like(along)))
+
+
+class CorrectedFollowing:
+    """An arm that follows paths, its states corrected as those of a `CorrectedArm`.
+
+    Parameters
+    ----------
+    following : Following
+        The arm.
+    correct : callable
+        Corrects a state.
+    """
+
+    def __init__(self, following: Following, correct: Callable[[ArmState], ArmState]) -> None:
+        self._following, self._correct = following, correct
+        self.replace = following.replace
+
+    def states(self) -> Sequence[ArmState]:
+        """States since the last call. See `Following.states`."""
+        return [self._correct(state) for state in self._following.states()]
 
 
 class CorrectedArm:
@@ -131,6 +154,17 @@ class CorrectedArm:
         q = self._calibrated.inverse(T_b_f, near=self._arm.state().q if near is None else near)
         commanded = self._pose_to_command(T_b_f, q)
         return self._correct_state(self._arm.move_joint_to_pose(commanded, near, direct=direct))
+
+    @property
+    def moving_arm(self) -> Arm:
+        """The arm that moves."""
+        return self._arm
+
+    @contextmanager
+    def follow(self) -> Iterator[Following]:
+        """Follow paths that grow. See `FollowingArm.follow`."""
+        with check_can_follow(self._arm).follow() as following:
+            yield CorrectedFollowing(following, self._correct_state)
 
     def stop(self) -> None:
         """Bring the arm to rest now. See `Arm.stop`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from operator import attrgetter
+from time import sleep
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.config import add_file_to_errors
@@ -60,9 +61,12 @@ class ArmDriverFactory(DriverFactory[ArmDriverInputs, Arm]):
     ----------
     truth : callable, optional
         Returns the true pose of an arm's flange, shape (4, 4): of a real arm what it reports.
+    pass_time : callable, optional
+        Lets some seconds pass on an arm's clock: that of a simulated arm runs no other way.
     """
 
     truth: Callable[[Any], Array] = field(default=lambda arm: arm.state().T_b_f)
+    pass_time: Callable[[Any, float], object] = field(default=lambda arm, seconds: sleep(seconds))
 
 
 def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
@@ -75,7 +79,7 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
         message = "a simulated arm needs a [simulation.arm] table"
         raise ConfigurationError(message, key="simulation.arm")
     with add_file_to_errors(key="simulation.arm.home_deg"):
-        return SimulatedArm(
+        arm = SimulatedArm(
             context.kinematics,
             np.array(world.home if left is None else left.q),
             limits=context.limits,
@@ -87,6 +91,8 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
             if world.errors is None
             else SimulatedArmErrors.draw_true_arm(context.kinematics, world.errors, context.seed),
         )
+    arm.lag, arm.wander = world.lag, world.wander
+    return arm
 
 
 def _make_replayed_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
@@ -105,7 +111,10 @@ ARM_DRIVERS: Final = DriverRegistry(
     "arm",
     {
         "simulated": ArmDriverFactory(
-            _make_simulated_arm, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
+            _make_simulated_arm,
+            kind=DriverKind.SIMULATED,
+            truth=attrgetter("true_T_b_f"),
+            pass_time=lambda arm, seconds: arm.pass_time(seconds),
         ),
         "replay": ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED),
         "ur": ArmDriverFactory(_make_ur_arm, UrSettings, extra="ur", client="rtde_control"),

@@ -111,6 +111,10 @@ class ArmSimulationSettings(SettingsTable):
         The same of the angle, radians. Assumption: about the above over half a metre of arm.
     realtime : bool
         Whether moves take their time.
+    lag : float
+        Seconds by which the arm follows a path late, in a continuous scan. Assumption.
+    wander : float
+        Seconds over which its error correlates while it does. Assumption.
     errors : ArmErrorSettings, optional
         How the true arm differs from what its controller knows; not at all if left out.
     """
@@ -121,6 +125,8 @@ class ArmSimulationSettings(SettingsTable):
         float, Ge(0), Le(5), units.DEG.with_key("repeatability_deg")
     ] = radians(0.006)
     realtime: bool = False
+    lag: Annotated[float, Ge(0), Le(500), units.MILLISECONDS] = 0.05
+    wander: Annotated[float, Gt(0), Le(100), units.SECONDS] = 0.5
     errors: ArmErrorSettings | None = None
 
 

@@ -6,7 +6,8 @@ Its errors are of geometry, gears, backlash and warmth.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final, Self
 
 import numpy as np
@@ -20,6 +21,7 @@ from tjscan.robot.deviations import deviate_joint_frames, deviations_of_longer_l
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
 from tjscan.robot.settings import ArmErrorSettings
+from tjscan.robot.simulated_following import SimulatedFollowing, WanderingError
 
 ARM_ERRORS_RANDOM_STREAM: Final = 3
 """Keeps the random numbers of an arm's make apart from its moves' ones."""
@@ -101,6 +103,12 @@ POSITION_REPEATABILITY: Final = 5e-5
 ANGULAR_REPEATABILITY: Final = 1e-4
 """Radians, root mean square: assumption, about the above over half a metre of arm."""
 
+FOLLOWING_LAG: Final = 0.05
+"""Seconds: assumption, what servoing on a Universal Robots arm was found to lag."""
+
+ERROR_CORRELATION: Final = 0.5
+"""Seconds: assumption."""
+
 SIMULATED_MOVE_TICK: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
@@ -133,6 +141,13 @@ class SimulatedArm(LocalDevice):
     errors : SimulatedArmErrors, optional
         How the true arm differs from `kinematics`.
 
+    Attributes
+    ----------
+    lag : float
+        Seconds by which it follows a path late.
+    wander : float
+        Seconds over which its error correlates while it follows one.
+
     Raises
     ------
     ConfigurationError
@@ -163,6 +178,8 @@ class SimulatedArm(LocalDevice):
         self._errors = errors
         self._turning = np.zeros(len(self._now[0]))
         self._error = self._draw_error()
+        self.lag, self.wander = FOLLOWING_LAG, ERROR_CORRELATION
+        self._following: SimulatedFollowing | None = None
         self._latch = MotionLock()
 
     def __enter__(self) -> Self:
@@ -206,6 +223,32 @@ class SimulatedArm(LocalDevice):
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
         return self._make_planned_move(lambda q: self._planner.joint_path(q, T_b_f, near))
+
+    @contextmanager
+    def follow(self) -> Iterator[SimulatedFollowing]:
+        """Follow paths that grow, as time is let pass. See `FollowingArm.follow`."""
+        self.check_connected()
+        with self._latch.hold_for_move():
+            error = WanderingError(self._error, self._spread, self.wander, self._random)
+            check = self._latch.check_not_stopped
+            start = self.state()
+            self._following = SimulatedFollowing(self.kinematics, start, self.lag, error, check)
+            try:
+                yield self._following
+            finally:
+                self._following = None
+
+    def pass_time(self, seconds: float) -> None:
+        """Let time pass on the arm's clock, in which it moves if it follows a path."""
+        if self.realtime:
+            time.sleep(seconds)
+        following = self._following
+        if following is None or self._latch.wait_for_stop(0.0):
+            self._now = (self._now[0], self._now[1] + seconds)
+            return
+        following.advance(seconds)
+        self._now = (readonly_copy(following.q), following.time)
+        self._error, self._turning = following.error.now, following.turning
 
     def stop(self) -> None:
         """End the move under way where it is, and begin nothing more. See `Arm.stop`."""

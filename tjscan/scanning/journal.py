@@ -31,6 +31,8 @@ class ScanEvent(StrEnum):
     RETREAT = "retreat"
     STEP_OVER = "step over"
     STRAIGHT = "straight"
+    STEPWISE = "stepwise"
+    CLOCK = "clock"
     TACK = "tack"
     RESUMED = "resumed"
     DAMAGED = "damaged"
@@ -58,6 +60,8 @@ class RetryCounts:
         Steps tried again at half their length.
     retreats : int
         Returns to the last section.
+    stepwise : int
+        Steps of a continuous scan from rest, where the groove could not be followed.
     """
 
     taken_again: int = 0
@@ -65,6 +69,7 @@ class RetryCounts:
     nudges: int = 0
     half_steps: int = 0
     retreats: int = 0
+    stepwise: int = 0
 
     @classmethod
     def of_events(cls, names: Iterable[str]) -> Self:
@@ -76,6 +81,7 @@ class RetryCounts:
             nudges=count[ScanEvent.NUDGE],
             half_steps=count[ScanEvent.HALF_STEP],
             retreats=count[ScanEvent.RETREAT],
+            stepwise=count[ScanEvent.STEPWISE],
         )
 
 

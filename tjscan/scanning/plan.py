@@ -206,6 +206,8 @@ class ScanPlan(units.SettingsTable):
 
     Parameters
     ----------
+    mode : "stepwise" or "continuous"
+        Whether the arm rests for every profile, or follows the groove without a stop.
     direction : ScanDirection
         Which way round the brace.
     step : float
@@ -224,6 +226,12 @@ class ScanPlan(units.SettingsTable):
         Stop after this many sections, the two taught ones included.
     return_tolerance : float
         How far a section may seem to have moved when it is seen again, metres.
+    speed : float
+        Of a continuous scan along the groove; limits of the arm may make it slower.
+    section_spacing : float
+        From section to section of a continuous scan, metres.
+    horizon : float
+        How far beyond the last section the path of a continuous scan may lead, metres.
     criterion : CorrectionCriterion
         When a prediction view may be the section's, and no correction is made; see `skip`.
     adaptive : AdaptiveStepSettings, optional
@@ -232,6 +240,7 @@ class ScanPlan(units.SettingsTable):
         The taught poses of the flange in frame b; each station has its own.
     """
 
+    mode: Literal["stepwise", "continuous"] = "stepwise"
     direction: Annotated[ScanDirection, units.LIST_OR_WORD_IN_FILE] = ScanDirection.COUNTERCLOCKWISE
     step: Annotated[float, Ge(5), Le(300), units.MM] = 0.04
     prediction: Annotated[Literal[1, 2, 3, 4, "smooth"], units.FileKey("prediction_case")] = 3
@@ -243,12 +252,29 @@ class ScanPlan(units.SettingsTable):
     return_tolerance: Annotated[float, Gt(0), Le(50), units.MM.with_key("resume_tolerance_mm")] = (
         0.5e-3
     )
+    speed: Annotated[float, Ge(5), Le(500), units.MM_S] = 0.07
+    section_spacing: Annotated[float, Ge(0.5), Le(20), units.MM.with_key("section_mm")] = 2e-3
+    horizon: Annotated[float, Ge(40), Le(500), units.MM] = 0.12
     criterion: Annotated[CorrectionCriterion, units.FileKey("skip")] = field(
         default_factory=CorrectionCriterion
     )
     adaptive: AdaptiveStepSettings | None = None
     first: units.PoseSettings | None = None
     second: units.PoseSettings | None = None
+
+    @property
+    def spacing(self) -> float:
+        """Distance from section to section that is asked for, metres."""
+        return self.step if self.mode == "stepwise" else self.section_spacing
+
+    @property
+    def expected_sections(self) -> int | None:
+        """About how many sections it will have; None if it goes on as far as it can."""
+        if self.length is None or self.sections is not None:
+            return self.sections
+        if self.mode == "continuous":
+            return 1 + round((self.step + self.length) / self.section_spacing)
+        return 2 + round(self.length / self.step)
 
     @property
     def correction_criterion(self) -> CorrectionCriterion | None:

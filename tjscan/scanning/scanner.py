@@ -136,20 +136,31 @@ class Scanner:
             d_st = self._step_length(sections)
             if (stop := reason_to_stop(self._plan, sections, d_st)) is not None:
                 return self._end_scan(stop)
-            after = f"after section {len(sections) - 1}"
-            self._stop.wait_while_paused(partial(self._log.record_event, ScanEvent.PAUSED, after))
-            self._stop.raise_if_stop_now()
-            if self._stop.ends_after_section:
-                self._log.record_event(ScanEvent.STOP_REQUESTED, after)
-                return self._end_scan(StopReason.REQUESTED)
-            try:
-                self._finish_section(self._step_with_retries(d_st))
-            except errors.PoseUnreachable as error:
-                return self._end_scan(StopReason.UNREACHABLE, str(error))
-            except (errors.GrooveNotFound, errors.JointMoved) as error:
-                return self._end_scan(StopReason.LOST, str(error))
-            except errors.SetPointTooFar as error:
-                return self._end_scan(StopReason.REFUSED, str(error))
+            ended = self._wait_for_permission() or self._make_step(d_st)
+            if ended is not None:
+                return ended
+
+    def _wait_for_permission(self) -> ScanResult | None:
+        """Wait until the scan may go on; the scan's result if it shall end instead."""
+        after = f"after section {len(self._log.sections) - 1}"
+        self._stop.wait_while_paused(partial(self._log.record_event, ScanEvent.PAUSED, after))
+        self._stop.raise_if_stop_now()
+        if not self._stop.ends_after_section:
+            return None
+        self._log.record_event(ScanEvent.STOP_REQUESTED, after)
+        return self._end_scan(StopReason.REQUESTED)
+
+    def _make_step(self, d_st: float) -> ScanResult | None:
+        """Make a step; the scan's result if none is possible."""
+        try:
+            self._finish_section(self._step_with_retries(d_st))
+        except errors.PoseUnreachable as error:
+            return self._end_scan(StopReason.UNREACHABLE, str(error))
+        except (errors.GrooveNotFound, errors.JointMoved) as error:
+            return self._end_scan(StopReason.LOST, str(error))
+        except errors.SetPointTooFar as error:
+            return self._end_scan(StopReason.REFUSED, str(error))
+        return None
 
     def _finish_section(self, section: ScannedSection) -> None:
         """Finish a section.
@@ -393,10 +404,14 @@ class Scanner:
                 key="scan.second",
             )
 
+    @property
+    def _length_gone(self) -> float:
+        """Metres of groove from the second taught section on."""
+        return groove_length(self._log.sections[1:])
+
     def _end_scan(self, stop: StopReason, cause: str = "") -> ScanResult:
         log = self._log
-        length = 1e3 * groove_length(log.sections[1:])
-        detail = f"{stop} after {length:.1f} mm from the second taught section"
+        detail = f"{stop} after {1e3 * self._length_gone:.1f} mm from the second taught section"
         detail = f"{detail}: {cause}" if cause else detail
         log.record_event(ScanEvent.STOP, detail)
         return ScanResult(tuple(log.sections), tuple(log.views), stop, detail, log.counts)

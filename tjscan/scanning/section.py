@@ -28,12 +28,17 @@ LARGEST_SECTION_TURN: Final = radians(100)
 
 
 class Substep(StrEnum):
-    """Substep that a profile is taken for: teaching, prediction or correction."""
+    """Substep that a profile is taken for: teaching, prediction or correction.
+
+    In a continuous scan profiles are taken in passing, and those about a section are fused.
+    """
 
     TAUGHT = "taught"
     PREDICTION = "prediction"
     CORRECTION = "correction"
     RESUMED = "resumed"
+    PASSING = "passing"
+    FUSED = "fused"
 
 
 @array_dataclass

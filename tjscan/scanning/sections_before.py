@@ -137,6 +137,23 @@ on joints of 168 to 610 mm that made up to half of it.
 """
 
 
+PLANNING_SPACING: Final = 8e-3
+"""Metres between the sections of a continuous scan that are looked back upon: so they reach as far
+back as those of a stepwise one."""
+
+
+def planning_sections(sections: Sections) -> list[ScannedSection]:
+    """The last sections that are `PLANNING_SPACING` or more from each other, the oldest first."""
+    chosen = [sections[-1]]
+    for section in reversed(sections):
+        away = section.T_b_g[:3, 3] - chosen[-1].T_b_g[:3, 3]
+        if np.linalg.norm(away) >= PLANNING_SPACING:
+            chosen.append(section)
+            if len(chosen) == MOST_PRIOR_SECTIONS:
+                break
+    return chosen[::-1]
+
+
 class GrooveReader(Protocol):
     """Reads the groove in a profile, or raises GrooveNotFound."""
 
@@ -182,6 +199,8 @@ def read_section(
     GrooveNotFound
         As the reader does.
     """
+    if view.substep is Substep.FUSED and before:
+        before = planning_sections(before)
     groove = read(view.profile, prior=prior_for_view(view, before))
     T = T_s_t(groove) if callable(T_s_t) else T_s_t
     return name_tack_of_section(ScannedSection(view, groove, T), before)

@@ -96,7 +96,7 @@ class ExpectedSection:
         R_b_s : ndarray, shape (3, 3)
             Orientation of the sensor.
         """
-        wall, leg = _tangents_b(section, R_b_s)
+        wall, leg = wall_and_leg(section, R_b_s)
         T_b_g = np.eye(4)
         T_b_g[:3, 1], T_b_g[:3, 3] = -wall, section[:3]
         gamma_2 = float(np.arcsin(np.clip(wall @ leg, -1.0, 1.0)))
@@ -137,7 +137,7 @@ class ExpectedSection:
     ) -> Array:
         """How far sections (..., 5) are from lying on the walls a step away, shape (..., 5)."""
         lengths = self._shape[:2] if lengths is None else lengths
-        tangents = _tangents_b(section, R_b_s)
+        tangents = wall_and_leg(section, R_b_s)
         points = section[..., None, :3] + lengths[:, None] * tangents
         distances, slopes = walls.offsets_and_slopes(points[..., None, :], tangents[..., None, :])
         gone = np.linalg.norm(section[..., :3] - self._T_b_g[:3, 3], axis=-1) - self._step
@@ -152,7 +152,7 @@ class ExpectedSection:
         return np.append(pose_vector.pose_to_vector(inverse_pose(T) @ T_other), work_angle)
 
 
-def _tangents_b(section: Array, R_b_s: Array) -> Array:
+def wall_and_leg(section: Array, R_b_s: Array) -> Array:
     """Unit vectors along wall and leg, shape (..., 2, 3)."""
     angles = section[..., 3:, None]
     return np.asarray(np.cos(angles) * R_b_s[:, 0] + np.sin(angles) * R_b_s[:, 2])

@@ -39,6 +39,11 @@ class StopRequest:
         """Whether the scan pauses, or shall pause, after the section under way."""
         return self._paused and not self._steps and not self.ends_after_section
 
+    @property
+    def asks_for_rest(self) -> bool:
+        """Whether the arm shall come to rest after the section under way, for whatever reason."""
+        return self.is_paused or self.ends_after_section
+
     def pause(self) -> None:
         """Let the scan pause after the section under way."""
         with self._may_go:

@@ -88,10 +88,23 @@ def correction_target_pose(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:
     Cibicik et al. 2022, eq. (12)-(13). It holds for both directions: x follows the motion,
     so z points out of the joint counterclockwise and into it clockwise.
     """
-    x_b = unit_vector(T_b_g_predicted[:3, 3] - T_b_g_last[:3, 3])
-    y_b = unit_vector(cross(cross(x_b, T_b_g_predicted[:3, 1]), x_b))
-    z_b = cross(x_b, y_b)
-    return pose(np.column_stack((x_b, y_b, z_b)), T_b_g_predicted[:3, 3])
+    along = T_b_g_predicted[:3, 3] - T_b_g_last[:3, 3]
+    return target_pose_along(along, T_b_g_predicted[:3, 1], T_b_g_predicted[:3, 3])
+
+
+def target_pose_along(along_b: Array, up_b: Array, origin_b: Array) -> Array:
+    """Frame t with its x axis along a direction, its y axis as near to another as can be.
+
+    Parameters
+    ----------
+    along_b, up_b : ndarray, shape (3,)
+        Of the motion, and up the brace.
+    origin_b : ndarray, shape (3,)
+        Where it lies, metres.
+    """
+    x_b = unit_vector(along_b)
+    y_b = unit_vector(cross(cross(x_b, up_b), x_b))
+    return pose(np.column_stack((x_b, y_b, cross(x_b, y_b))), origin_b)
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,6 +35,7 @@ HAND_EYE_CAUSE: Final = "laser on the hand"
 GEOMETRY_CAUSE: Final = "arm's geometry"
 HAND_EYE_AND_ARM_CAUSE: Final = "laser on the hand and arm's geometry"
 REPEATABILITY_CAUSE: Final = "arm's repeatability"
+CLOCK_CAUSE: Final = "laser's clock"
 
 ProfileBend = Callable[[Array, Array], Array]
 """How points of a profile move by places and tangents, see `bend` of `ViewCause`."""
@@ -236,6 +237,24 @@ def arm_geometry_cause(
     return motion_cause(
         GEOMETRY_CAUSE, evidence, sections, _twists_in_b(sections, in_f), is_shared=True
     )
+
+
+def clock_cause(sections: Sections) -> ViewCause:
+    """How late the laser's clock may be against the arm's, the same in a whole continuous scan.
+
+    Each view moves as far as the sensor moved in the standard deviation of its profile's time.
+    """
+    views = [section.view for section in sections]
+    twists = np.zeros((len(views), 6, 1))
+    for k, view in enumerate(views):
+        before, after = views[max(k - 1, 0)], views[min(k + 1, len(views) - 1)]
+        if view.profile.time_uncertainty > 0 and after.time > before.time:
+            share = view.profile.time_uncertainty / (after.time - before.time)
+            R = after.T_b_s[:3, :3] @ before.T_b_s[:3, :3].T
+            turn = share * pose_vector.rotation_to_vector(R)
+            moved = share * (after.T_b_s[:3, 3] - before.T_b_s[:3, 3])
+            twists[k, :, 0] = *(moved - np.cross(turn, view.T_b_s[:3, 3])), *turn
+    return motion_cause(CLOCK_CAUSE, "measured", sections, twists, is_shared=True)
 
 
 def _twists_in_b(sections: Sections, twists: Array) -> Array:

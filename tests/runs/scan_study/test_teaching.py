@@ -21,6 +21,7 @@ def test_two_views_are_taught_a_step_apart(expand: Expand, direction: str) -> No
         job=str(ANY_JOINT),
         fixed={
             "scan.direction": direction,
+            "scan.sections": 8,
             "rule": {
                 "start_azimuth_deg": 40.0,
                 "carry_base": True,

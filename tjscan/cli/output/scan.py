@@ -70,11 +70,8 @@ class ProgressJournal:
 @contextmanager
 def scan_progress_bar(title: str, plan: ScanPlan) -> Iterator[ProgressJournal]:
     """Show a scan's progress bar while the block runs; gives the journal that moves it on."""
-    total = plan.sections
-    if total is None and plan.length is not None:
-        total = 2 + round(plan.length / plan.step)
     with progress_bars() as progress:
-        yield ProgressJournal(progress, title, total)
+        yield ProgressJournal(progress, title, plan.expected_sections)
 
 
 def print_scan_summary(summary: results.ScanSummary, directory: Path, *, json: bool) -> None:

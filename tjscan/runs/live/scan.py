@@ -79,10 +79,7 @@ class ScanShow:
         self._last_b: Array | None = None
         self._joint = context.joint if self._frame.T_b_j is not None else None
         self._edges = None if self._joint is None else feature_edges(self._joint)
-        plan = context.job.scan
-        self.total = plan.sections
-        if plan.sections is None and plan.length is not None:
-            self.total = 2 + round(plan.length / plan.step)
+        self.total = context.job.scan.expected_sections
         self.setting = self._make_scene_setup(context.job, title)
 
     def _make_scene_setup(self, job: ScanJob, title: str) -> SceneSetup:

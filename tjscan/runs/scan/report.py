@@ -84,7 +84,7 @@ def _scan_charts(sections: Sequence[ScannedSection], job: ScanJob) -> Iterator[R
     index = np.array([section.view.index for section in sections], dtype=float)
     origins = np.array([section.T_b_g[:3, 3] for section in sections]).reshape(-1, 3)
     steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
-    title, asked = "distance from the section before", 1e3 * job.scan.step
+    title, asked = "distance from the section before", 1e3 * job.scan.spacing
     yield ReportChart(title, "section", "step / mm", index[1:], steps, asked)
     times = np.array([section.view.time - sections[0].view.time for section in sections])
     yield ReportChart("time of each section", "section", "arm's clock / s", index, times)

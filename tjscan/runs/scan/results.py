@@ -23,7 +23,7 @@ from tjscan.result import directory as run_files
 from tjscan.result.picture import write_png
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics, write_budget, write_summary
-from tjscan.result.table import write_cloud_ply, write_sections_csv
+from tjscan.result.table import write_cloud_ply, write_sections_csv, write_smoothed_csv
 from tjscan.scanning import journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
@@ -38,6 +38,7 @@ def write_run_results(
     picture: Any,
     job: str,
     budget: UncertaintyBudget,
+    smoothed: Array | None = None,
 ) -> ScanSummary:
     """Write sections, cloud, picture, uncertainty budget and summary of a run, all or none.
 
@@ -57,6 +58,8 @@ def write_run_results(
         The job that all of it comes from, see `job_label_of_run`.
     budget : UncertaintyBudget
         Of the sections.
+    smoothed : ndarray, shape (n, 3, 3), optional
+        Their corners smoothed along the groove, metres, in the same frame; of a continuous scan.
 
     Returns
     -------
@@ -72,6 +75,8 @@ def write_run_results(
     summary = replace(summary, provenance=provenance)
     with write_files_atomically(directory, last=run_files.SUMMARY_FILE, listed=True) as draft:
         write_sections_csv(draft / run_files.SECTIONS_FILE, sections, provenance)
+        if smoothed is not None:
+            write_smoothed_csv(draft / run_files.SMOOTHED_FILE, sections, smoothed, provenance)
         write_cloud_ply(draft / run_files.CLOUD_FILE, points, provenance)
         write_png(draft / run_files.SCAN_PICTURE, picture, provenance)
         write_budget(draft / run_files.BUDGET_FILE, budget, provenance)
@@ -152,20 +157,22 @@ def summarise_scan(
         Where the uncertainty of its corners comes from.
     """
     steps = 1e3 * np.array(journal.untaught_step_lengths(result.sections))
-    views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
+    profiles = [view for view in result.views if view.substep is not Substep.FUSED]
+    second = (i for i, v in enumerate(profiles) if v.substep is Substep.TAUGHT and v.index > 0)
+    views = profiles[next(second, 0) :]
     travel, rotation = flange_motion(pairwise(views))
-    taken = [view for view in result.views if view.substep is not Substep.TAUGHT]
+    taken = [view for view in profiles if view.substep is not Substep.TAUGHT]
     found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
     error = None if corner_error is None else DistanceStatistics.from_distances(corner_error)
     return ScanSummary(
         sections=len(result.sections),
-        scans=len(result.views),
+        scans=len(profiles),
         complete=journal.plan_is_fulfilled(result.stop, plan),
         stopped_because=str(result.stop),
         detail=result.detail,
         frame=frame.letter,
         groove_length_mm=1e3 * journal.groove_length(result.sections),
-        step_mm=StepStatistics.from_steps(1e3 * plan.step, steps),
+        step_mm=StepStatistics.from_steps(1e3 * plan.spacing, steps),
         flange_travel_mm=travel,
         flange_rotation_deg=rotation,
         motion_time_s=views[-1].time - views[0].time,

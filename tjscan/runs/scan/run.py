@@ -16,7 +16,14 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.groove.read import read_groove
-from tjscan.job.cell import Cell, SensorMount, joint_scene, make_cell, sensor_mount_of_job
+from tjscan.job.cell import (
+    Cell,
+    SensorMount,
+    joint_scene,
+    make_cell,
+    motion_limits_of_job,
+    sensor_mount_of_job,
+)
 from tjscan.job.files import ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
@@ -36,6 +43,8 @@ from tjscan.runs import run
 from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
 from tjscan.runs.scan import results
 from tjscan.runs.scan.uncertainty import causes_of_job
+from tjscan.scanning.continuous.smoothing import smooth_corners
+from tjscan.scanning.continuous.stream import devices_that_follow
 from tjscan.scanning.journal import (
     RecordedScan,
     ScanEvent,
@@ -46,7 +55,7 @@ from tjscan.scanning.journal import (
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.recording import ScanRecordingWriter, read_recorded_scan
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ProfileView
+from tjscan.scanning.section import ProfileView, Substep
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
 from tjscan.uncertainty.budget import summarise_budget
@@ -113,7 +122,10 @@ class ScanContext(JobContext[ScanJob]):
         state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
         with add_file_to_errors(self.job_file):
             scene = partial(joint_scene, self.job, self.joint)
-            return make_cell(self.job, self.sensor_mount, scene, state)
+            cell = make_cell(self.job, self.sensor_mount, scene, state)
+            if self.job.scan.mode == "continuous":
+                devices_that_follow(cell.arm, cell.laser)
+            return cell
 
     def make_run_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""
@@ -155,6 +167,10 @@ RESUMABLE_KEYS: Final = (
     "scan.length_mm",
     "scan.sections",
     "scan.step_mm",
+    "scan.mode",
+    "scan.speed_mm_s",
+    "scan.section_mm",
+    "scan.horizon_mm",
     "scan.prediction_case",
     "scan.resume_tolerance_mm",
     "scan.skip.",
@@ -192,6 +208,19 @@ def check_scan_job(context: ScanContext) -> None:
             cell.arm.check_moves(*(start.T for start in job.start_poses))
 
 
+def _scanner_of_plan(
+    setup: ScanSetup, cell: Cell, job: ScanJob, journal: Journal, stop: StopRequest
+) -> Scanner:
+    """The scanner for a job's mode."""
+    if job.scan.mode == "stepwise":
+        return Scanner(setup, job.scan, journal, stop=stop)
+    # toppra, which imports Matplotlib, is loaded where it is used.
+    from tjscan.scanning.continuous.scanner import ContinuousScanner
+
+    arm, limits, second = cell.clearance.kinematics, motion_limits_of_job(job), job.start_poses[1]
+    return ContinuousScanner(setup, job.scan, journal, arm, limits, second.T, stop)
+
+
 def scan_in_cell(
     cell: Cell,
     job: ScanJob,
@@ -210,7 +239,7 @@ def scan_in_cell(
             if device.identity:
                 journal.record(RunEvent(name, str(device.identity)))
         setup = ScanSetup(cell.arm, cell.laser, cell.T_f_s, read)
-        scanner = Scanner(setup, job.scan, journal, stop=stop)
+        scanner = _scanner_of_plan(setup, cell, job, journal, stop)
         try:
             if done is not None and len(sections) >= 2:
                 return scanner.resume(done, sections)
@@ -416,8 +445,11 @@ def write_scan_results(context: ScanContext, directory: Path, result: ScanResult
         example=example,
     )
     label = job_label_of_run(directory)
+    smoothed = None
+    if any(section.view.substep is Substep.FUSED for section in result.sections):
+        smoothed = transform_points(frame.T_r_b, smooth_corners(result.sections))
     summary = results.write_run_results(
-        directory, sections, points, summary, picture, label, budget
+        directory, sections, points, summary, picture, label, budget, smoothed
     )
     context.finished(directory)
     return summary

@@ -232,7 +232,8 @@ def azimuths_at_plan_shares(
     list of float
         Radians in frame j.
     """
-    whole, way = ((plan.sections or 1) - 1) * plan.step, plan.direction
+    more = plan.length if plan.sections is None else (plan.sections - 2) * plan.step
+    whole, way = plan.step + (more or 0.0), plan.direction
     return [azimuth_further_along(joint, azimuth, share * whole, way) for share in shares]
 
 
@@ -308,8 +309,9 @@ def teach_start_poses(
         azimuth_deg = rules.start_azimuth_deg
     azimuth = float(np.radians(azimuth_deg))
     scan: dict[str, Any] = {}
-    if (rules.carry_base or rules.centre_view) and plan.sections is None:
-        raise ConfigurationError("is needed to know how far the scan goes", key="scan.sections")
+    if (rules.carry_base or rules.centre_view) and (plan.sections, plan.length) == (None, None):
+        why = "is needed, or length_mm, to know how far the scan goes"
+        raise ConfigurationError(why, key="scan.sections")
     if rules.centre_view:
         window = (job.laser.near, job.laser.far)
         plan = plan_with_centred_groove(definition, azimuth, plan, window)
@@ -391,6 +393,8 @@ class ScanOutcome(trial.RunOutcome):
         Profiles per section, of those that were not taught.
     half_steps : int
         How often a section was tried again at half the step.
+    stepwise : int
+        Steps of a continuous scan from rest.
     groove_length_mm : float
         Of the chain of groove origins.
     step_nominal_mm, step_mean_mm, step_std_mm : float
@@ -414,6 +418,7 @@ class ScanOutcome(trial.RunOutcome):
     scans: int = 0
     scans_per_section: float | None = None
     half_steps: int = 0
+    stepwise: int = 0
     groove_length_mm: float | None = None
     step_nominal_mm: float | None = None
     step_mean_mm: float | None = None
@@ -435,7 +440,7 @@ class ScanOutcome(trial.RunOutcome):
         object.__setattr__(self, "path", tuple((a, r, z) for a, r, z in self.path))
 
 
-SUMMARY_COUNTS: Final = ("sections", "scans", "half_steps")
+SUMMARY_COUNTS: Final = ("sections", "scans", "half_steps", "stepwise")
 SUMMARY_FIELDS: Final = ("complete", "detail", *SUMMARY_COUNTS, "groove_length_mm", "motion_time_s")
 """Fields that an outcome takes from the scan's summary."""
 

@@ -14,7 +14,7 @@ from tjscan.job.devices import EVIDENCE_ASSUMED, EVIDENCE_STATED
 from tjscan.job.files import CellJob
 from tjscan.robot.deviations import deviate_joint_frames, deviation_jacobian
 from tjscan.robot.settings import PlacementTolerance
-from tjscan.scanning.section import ScannedSection
+from tjscan.scanning.section import ScannedSection, Substep
 from tjscan.uncertainty import causes as view_causes
 
 UNKNOWN_MOUNT_TEXT = (
@@ -80,6 +80,8 @@ def causes_of_job(
         view_causes.repeatability_cause(sections, repeats, of_repeats),
         *_causes_of_arm(mount, sections, moved, absolute, without_laser=is_same),
     ]
+    if any(one.view.substep is Substep.FUSED for one in sections):
+        found.append(view_causes.clock_cause(sections))
     left_out = [UNKNOWN_MOUNT_TEXT] if mount.covariance is None else []
     if linearity > 0:
         cause = view_causes.linearity_cause(sections, linearity, job.laser_model, of_linearity)

@@ -1,0 +1,123 @@
+"""Laws of the continuous scan on the example's cell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cells import CLOCKWISE, PAPER, Notes, example_corner_errors
+from continuous_scans import HeardThrough, flange_speeds, passing_views, scan_continuously
+
+from tjscan.core.errors import ArmFault, LaserFault
+from tjscan.laser.profile import Profile
+from tjscan.scanning.journal import ScanEvent, StopReason
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
+from tjscan.scanning.stopping import StopRequest
+
+AT_REST = 2e-3
+"""Metres per second: slower is at rest."""
+
+
+@pytest.mark.parametrize("file", [PAPER, CLOCKWISE], ids=["ccw", "cw"])
+def test_the_groove_is_followed_without_a_stop_and_measured_every_2_mm(file: object) -> None:
+    notes = Notes()
+    result = scan_continuously({}, file=file, notes=notes)  # type: ignore[arg-type]
+    assert result.stop is StopReason.LENGTH
+    assert result.counts.stepwise == 0
+    measured = result.sections[1:]
+    steps = np.linalg.norm(np.diff([s.T_b_g[:3, 3] for s in measured], axis=0), axis=1)
+    assert abs(steps.mean() - 2e-3) < 0.1e-3
+    errors = 1e3 * example_corner_errors(replace(result, sections=tuple(measured)), file)  # type: ignore[arg-type]
+    assert errors.mean() <= 0.07
+    assert np.percentile(errors, 95) <= 0.15
+    speeds = flange_speeds(passing_views(notes))
+    moving = np.flatnonzero(speeds > AT_REST)
+    assert (speeds[moving[0] : moving[-1]] > AT_REST).all()
+
+
+def test_every_profile_is_recorded_before_its_section() -> None:
+    notes = Notes()
+    result = scan_continuously({}, notes=notes)
+    fused = {v.index: v for v in notes.views if v.substep is Substep.FUSED}
+    for section in result.sections[1:]:
+        assert fused[section.view.index] is section.view
+    times = np.array([view.time for view in passing_views(notes)])
+    assert np.median(np.diff(times)) == pytest.approx(5e-3, rel=1e-3)
+    assert (np.diff(times) > 0).all()
+
+
+def test_a_silent_laser_brings_the_arm_to_rest_on_the_path_and_it_goes_on() -> None:
+    notes = Notes()
+    silent = HeardThrough(lambda n, profile: None if 260 <= n < 700 else profile)
+    result = scan_continuously({}, notes=notes, through=silent)
+    assert result.stop is StopReason.LENGTH
+    steps = np.linalg.norm(np.diff([s.T_b_g[:3, 3] for s in result.sections], axis=0), axis=1)
+    assert steps.max() < 4.5e-3  # it returned to where it had read last
+    assert example_corner_errors(result)[1:].max() < 0.4e-3
+
+
+def test_a_laser_that_stays_silent_is_a_fault_of_the_laser() -> None:
+    dead = HeardThrough(lambda n, profile: None if n > 100 else profile)
+    with pytest.raises(LaserFault, match="no profile"):
+        scan_continuously({}, through=dead)
+
+
+def test_repeated_profiles_are_not_taken_for_new_ones() -> None:
+    kept: list[Profile | None] = []
+
+    def stuck(n: int, profile: Profile | None) -> Profile | None:
+        kept.append(profile if not 150 <= n < 200 else kept[149])
+        return kept[-1]
+
+    notes = Notes()
+    scan_continuously({}, notes=notes, through=HeardThrough(stuck))
+    digests = [view.profile.digest for view in passing_views(notes)]
+    assert len(set(digests)) == len(digests)
+
+
+def test_where_the_groove_cannot_be_read_the_scan_steps_over_and_says_so() -> None:
+    blank = np.full(640, np.nan)
+
+    def blind(n: int, profile: Profile | None) -> Profile | None:
+        if profile is None or not 150 <= n < 800:
+            return profile
+        return replace(profile, x_s=blank, z_s=blank)
+
+    notes = Notes()
+    result = scan_continuously({}, notes=notes, through=HeardThrough(blind))
+    assert result.stop is StopReason.LENGTH
+    assert result.counts.stepwise >= 1
+    assert any(name == ScanEvent.STEPWISE and "too few points" in d for name, d in notes.events)
+
+
+class StopsAt(Notes):
+    """Asks for a stop with the section of a number."""
+
+    def __init__(self, ask: object, index: int) -> None:
+        super().__init__()
+        self._ask, self._index = ask, index
+
+    def record(self, message: object) -> None:
+        super().record(message)
+        if isinstance(message, ScannedSection) and message.view.index == self._index:
+            self._ask()  # type: ignore[operator]
+
+
+def test_a_stop_after_the_section_ends_at_rest_on_the_path() -> None:
+    stop = StopRequest()
+    notes = StopsAt(stop.request_stop_after_section, 20)
+    result = scan_continuously({"scan.length_mm": 300.0}, notes=notes, stop=stop)
+    assert len(result.sections) < 50  # of 170
+    assert result.stop is StopReason.REQUESTED
+    assert flange_speeds(passing_views(notes))[-3:].max() < AT_REST
+
+
+def test_a_stop_now_leaves_what_was_measured() -> None:
+    stop = StopRequest()
+    notes = StopsAt(stop.request_stop_now, 20)
+    with pytest.raises((ArmFault, Exception)) as raised:
+        scan_continuously({}, notes=notes, stop=stop)
+    assert type(raised.value).__name__ == "ScanInterrupted"
+    assert len(notes.sections) == 21
+    assert isinstance(notes.views[-1], ProfileView)

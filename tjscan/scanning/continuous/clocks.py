@@ -1,0 +1,160 @@
+"""The laser's clock against the arm's: offset by a shuttle across the groove, drift by arrivals.
+
+Moved along the groove, the laser sees the same section whatever the offset: that says nothing.
+Across it, a corner stands still only if each profile is laid at the pose of its own moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import LaserFault
+from tjscan.core.frames import Array, array_dataclass, inverse_pose
+from tjscan.groove.section import GrooveSection
+from tjscan.scanning.continuous.poses import ActualPoses
+
+LARGEST_OFFSET: Final = 0.5
+"""Seconds that two clocks may be apart, beside what their first stamps show."""
+
+CORRELATED_NOISE_FACTOR: Final = 2.0
+"""By which the offset's standard deviation is larger than that of independent errors: what
+neighbouring profiles err by is alike, and corners share the arm's error."""
+
+DRIFT_SIGMA: Final = 1e-4
+"""Of a clock's rate, standard deviation: quartz is good to 100 ppm."""
+
+ARRIVAL_SIGMA: Final = 0.5e-3
+"""Seconds, standard deviation of the time on the way of a profile, beside when the arm's states
+come, which tell the time. Assumption."""
+
+MOST_ROUNDS: Final = 20
+CONVERGED_STEP: Final = 1e-7
+
+
+@array_dataclass
+class ShuttleViews:
+    """Corners of the groove as they were seen while the laser went to and fro across it.
+
+    Parameters
+    ----------
+    stamps : ndarray, shape (n,)
+        Seconds on the laser's clock.
+    corners : ndarray, shape (n, k, 2)
+        x and z of each corner in the sensor frame, metres; not a number where it was not seen.
+    """
+
+    stamps: Array
+    corners: Array
+
+    @classmethod
+    def of_sections(cls, seen: Sequence[tuple[float, GrooveSection]]) -> ShuttleViews:
+        """The outer corners, p2 and p4, of sections read at stamps."""
+        stamps = np.array([stamp for stamp, _ in seen])
+        corners = np.array([groove.points_s[[1, 3]][:, [0, 2]] for _, groove in seen])
+        for k, name in enumerate(("p2", "p4")):
+            hidden = [name in groove.absent for _, groove in seen]
+            corners[hidden, k] = np.nan
+        return cls(stamps, corners)
+
+
+def clock_offset(views: ShuttleViews, poses: ActualPoses, T_f_s: Array) -> tuple[float, float]:
+    """By how much the arm's clock is ahead of the laser's, and its standard deviation, seconds.
+
+    The offset that lets the corners stand still, by Gauss–Newton.
+
+    Parameters
+    ----------
+    views : ShuttleViews
+        What was seen.
+    poses : ActualPoses
+        Where the arm was.
+    T_f_s : ndarray, shape (4, 4)
+        The sensor on the flange, metres.
+
+    Raises
+    ------
+    LaserFault
+        If no offset does: the clocks are too far apart, or leap.
+    """
+    T_first_b = inverse_pose(poses.at(poses.first).T_b_f @ T_f_s)
+    offset = poses.first - float(views.stamps[0])
+    start = offset
+
+    def places(shift: float) -> Array:
+        """Corners laid where they would be, in the plane of the first pose, shape (n, 2 k)."""
+        rows = []
+        for stamp, corners in zip(views.stamps, views.corners, strict=True):
+            T = T_first_b @ poses.at(float(stamp) + shift).T_b_f @ T_f_s
+            rows.append(corners @ T[:3, [0, 2]][[0, 2]].T + T[[0, 2], 3])
+        flat = np.array(rows).reshape(len(rows), -1)
+        return np.asarray(flat - np.nanmedian(flat, axis=0))
+
+    step = 1e-4
+    for _ in range(MOST_ROUNDS):
+        left = places(offset)
+        slope = (places(offset + step) - left) / step
+        slope = slope - np.nanmean(slope, axis=0)
+        left = left - np.nanmean(left, axis=0)
+        sigma = max(1.4826 * float(np.nanmedian(np.abs(left))), 1e-6)
+        weight = 1.0 / (1.0 + (left / (3 * sigma)) ** 2)
+        information = float(np.nansum(weight * slope**2))
+        if information == 0:
+            break
+        change = -float(np.nansum(weight * slope * left)) / information
+        offset += change
+        if abs(change) < CONVERGED_STEP:
+            return offset, CORRELATED_NOISE_FACTOR * sigma / sqrt(information)
+        if abs(offset - start) > LARGEST_OFFSET:
+            break
+    raise LaserFault(
+        "the laser's clock can't be laid on the arm's: no offset lets the groove stand still while "
+        "the laser goes to and fro across it. See that its stamps tell when a profile was taken"
+    )
+
+
+class LaserClock:
+    """The arm's time of a profile, from the laser's stamp.
+
+    The offset is that of the shuttle; how fast the clocks drift apart since is estimated from when
+    profiles arrive.
+
+    Parameters
+    ----------
+    offset, sigma : float
+        By which the arm's clock is ahead at `since`, and its standard deviation, seconds.
+    since : float
+        Stamp of the offset, seconds.
+    state_period : float
+        Seconds from one state of the arm to the next.
+    """
+
+    def __init__(
+        self,
+        offset: float = 0.0,
+        sigma: float = 0.0,
+        since: float = 0.0,
+        state_period: float = 0.0,
+    ) -> None:
+        self.offset, self.sigma, self.since = offset, sigma, since
+        self._variance = ARRIVAL_SIGMA**2 + state_period**2 / 12
+        self._drift = 0.0
+        # Sums of a regression of late arrivals over the time since: 1, t, t², y, t y.
+        self._sums = np.zeros(5)
+
+    def arm_time(self, stamp: float) -> float:
+        """Seconds on the arm's clock."""
+        return stamp + self.offset + self._drift * (stamp - self.since)
+
+    def notice_arrival(self, stamp: float, arrival: float) -> None:
+        """Take note of when a profile arrived, seconds on the arm's clock."""
+        t = stamp - self.since
+        y = arrival - stamp - self.offset
+        self._sums += (1.0, t, t * t, y, t * y)
+        n, st, stt, sy, sty = self._sums
+        spread = stt - st * st / n
+        prior = self._variance / DRIFT_SIGMA**2
+        self._drift = float((sty - st * sy / n) / (spread + prior))

@@ -1,0 +1,323 @@
+"""The continuous scan: follow the groove in one motion, and measure it on the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from tjscan.core import errors
+from tjscan.core.frames import Array, unit_vector
+from tjscan.groove.section import GrooveSection
+from tjscan.laser.profile import Profile, ProfileRepeats
+from tjscan.recording.journal import Journal
+from tjscan.robot.arm import ArmState
+from tjscan.robot.following import Following
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.path import MotionLimits
+from tjscan.scanning import sections_before
+from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_offset
+from tjscan.scanning.continuous.fusing import ProfileFuser
+from tjscan.scanning.continuous.path_ahead import FollowedPath, PathAhead
+from tjscan.scanning.continuous.poses import ActualPoses
+from tjscan.scanning.continuous.seam_ahead import predict_seam, seam_direction
+from tjscan.scanning.continuous.stream import PlacedProfiles, devices_that_follow
+from tjscan.scanning.journal import (
+    ScanEvent,
+    ScanResult,
+    StopReason,
+    groove_length,
+    reason_to_stop,
+)
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.profile_taker import ScanSetup
+from tjscan.scanning.scanner import Scanner
+from tjscan.scanning.section import ProfileView, Sections, StepRequest, Substep
+from tjscan.scanning.sections_before import PLANNING_SPACING, planning_sections
+from tjscan.scanning.smooth import tube_fit_predictor
+from tjscan.scanning.stopping import StopRequest
+
+SETTLING_TIME: Final = 0.3
+"""Seconds after the end of a path in which the arm, which lags behind, comes to rest."""
+
+FEWEST_SECTIONS_TO_PLAN: Final = 3
+"""Sections, `PLANNING_SPACING` apart, to which a seam is fitted before the path is led along it."""
+
+FEWEST_SHUTTLE_SECTIONS: Final = 30
+"""Sections read in a shuttle from which the laser's clock is laid on the arm's."""
+
+
+class ContinuousScanner(Scanner):
+    """A scan that does not stop, along a path that grows ahead of what was measured.
+
+    Where the groove is lost, the arm comes to rest on the path that was checked, and makes a step
+    as the stepwise scan does; from there it follows the groove again.
+
+    Parameters
+    ----------
+    setup : ScanSetup
+        An arm that follows and a laser that streams, how the laser is mounted, and what reads its
+        profiles.
+    plan : ScanPlan
+        Speed, spacing, direction, view and end.
+    journal : Journal
+        Receives everything at once.
+    kinematics : Kinematics
+        Of the arm, as calibrated.
+    limits : MotionLimits
+        How fast the arm may go.
+    T_b_f_second : ndarray, shape (4, 4)
+        The second taught pose, from which the plan's length counts, metres.
+    stop : StopRequest, optional
+        Asks for an end before the plan is fulfilled.
+
+    Raises
+    ------
+    ConfigurationError
+        As `devices_that_follow`.
+    """
+
+    def __init__(
+        self,
+        setup: ScanSetup,
+        plan: ScanPlan,
+        journal: Journal,
+        kinematics: Kinematics,
+        limits: MotionLimits,
+        T_b_f_second: Array,
+        stop: StopRequest | None = None,
+    ) -> None:
+        predict = tube_fit_predictor(plan)
+        super().__init__(
+            setup, plan, journal, lambda done, step: predict(planning_sections(done), step), stop
+        )
+        self._arm, laser = devices_that_follow(setup.arm, setup.laser)
+        p_s_t = np.array((plan.offset, 0.0, plan.standoff))
+        self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
+        self._second_point = self._planner.groove_point(T_b_f_second)
+        self._poses, self._clock = ActualPoses(kinematics), LaserClock()
+        self._stream = PlacedProfiles(laser, self._poses, ProfileRepeats())
+        self._fuser = ProfileFuser(plan.section_spacing, p_s_t)
+        self._along_b = np.zeros(3)
+        # Lengths along the groove: of the last section, of the one that a path was planned from
+        # last, and of the second taught pose.
+        self._length = self._planned_length = self._second_length = 0.0
+        self._passed_second = False
+        self._why_not_on = ""
+
+    def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
+        """Scan from two taught flange poses. See `Scanner.run`."""
+        state = self._taker.move_joint_to_pose(T_b_f_first)
+        self._scan_taught("first", state)
+        self._lay_clock(state)
+        state = self._setup.arm.state()
+        path = self._planner.straight(state.q, T_b_f_second, state.time)
+        ahead = self._second_point - self._planner.groove_point(state.T_b_f)
+        self._along_b, self._second_length = unit_vector(ahead), path.length
+        self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, 0.0)
+        return self._scan_on(path)
+
+    def _scan_until_done(self) -> ScanResult:
+        """Go on from where the arm stands, at the last section of a scan that was interrupted."""
+        sections = self._log.sections
+        self._lay_clock(self._setup.arm.state())
+        origins = np.array([section.T_b_g[:3, 3] for section in sections])
+        from_second = np.linalg.norm(origins - self._second_point, axis=1)
+        self._second_length = groove_length(sections[: 1 + int(from_second.argmin())])
+        return self._scan_on(self._standing(groove_length(sections)))
+
+    def _scan_on(self, path: FollowedPath) -> ScanResult:
+        """Follow until the plan is fulfilled; where the arm rests before, from the last section.
+
+        Where that led no further than before, a step is made as the stepwise scan makes it.
+        """
+        reached = self._length
+        while True:
+            self._follow(path)
+            if (stop := self._reason_to_stop()) is not None:
+                return self._end_scan(stop)
+            if (ended := self._wait_for_permission()) is not None:
+                return ended
+            why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
+            sections = self._log.sections
+            if len(planning_sections(sections)) == 1:  # the arm rests at the second taught pose
+                self._scan_taught("second", self._setup.arm.state())
+                length = self._second_length
+            elif self._length > reached:
+                self._log.record_event(ScanEvent.RETREAT, why)
+                last = sections[-1].view
+                self._taker.move_joint_to_pose(last.T_b_f, near=last.q)
+                length = self._length
+            else:
+                self._log.record_event(ScanEvent.STEPWISE, why)
+                if (ended := self._make_step(self._plan.step)) is not None:
+                    return ended
+                length = self._length + float(_chords(sections[-2:])[0])
+            path = self._standing(length)
+            reached = length
+
+    def _standing(self, length: float) -> FollowedPath:
+        """No path yet, from the section before which the arm stands."""
+        state, sections = self._setup.arm.state(), planning_sections(self._log.sections)
+        self._length, self._planned_length = length, -np.inf
+        self._along_b = seam_direction(sections)
+        self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, length)
+        return FollowedPath.standing(state.q, length, state.time)
+
+    def _follow(self, path: FollowedPath) -> None:
+        """Follow a path, leading it on along the groove, until the arm rests at its end."""
+        with self._arm.follow() as following:
+            if path.leads_on:
+                following.replace(path.motion)
+            for placed in self._stream.placed(following, self._clock):
+                self._stop.raise_if_stop_now()
+                for state, profile in placed:
+                    self._take(state, profile)
+                if self._stop.asks_for_rest:
+                    path = self._lead_to_rest(following, path)
+                elif self._length >= self._planned_length + PLANNING_SPACING:
+                    self._planned_length = self._length
+                    path = self._lead_on(following, path)
+                # A laser that is silent is waited for.
+                if placed and placed[-1][0].time > path.end + SETTLING_TIME:
+                    return
+
+    def _take(self, state: ArmState, profile: Profile) -> None:
+        """Record a profile that was taken in passing, and read the sections it completes."""
+        view = self._record_view(state, profile)
+        for length, fused in self._fuser.add(view, self._along_b):
+            if length > self._end_length:
+                return
+            try:
+                self._read(length, replace(fused, index=len(self._log.sections)))
+            except errors.GrooveNotFound as error:
+                self._why_not_on = str(error)
+
+    def _record_view(self, state: ArmState, profile: Profile) -> ProfileView:
+        """Record a profile taken in passing, its time on the arm's clock.
+
+        The one with which the second taught pose is passed counts as taught.
+        """
+        past = self._fuser.gone >= self._second_length > 0
+        substep = Substep.TAUGHT if past and not self._passed_second else Substep.PASSING
+        self._passed_second |= past
+        profile = replace(profile, time=state.time, time_uncertainty=self._clock.sigma)
+        T_b_s, index = state.T_b_f @ self._setup.T_f_s, len(self._log.sections)
+        view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
+        self._log.record(view)
+        return view
+
+    def _read(self, length: float, view: ProfileView) -> None:
+        """Read a section in the profiles about a place.
+
+        Raises
+        ------
+        GrooveNotFound
+            If no groove is read, or another one than was expected.
+        """
+
+        def wanted(groove: GrooveSection) -> Array:
+            return self._plan.target_pose_in_sensor(groove.work_angle)
+
+        self._log.record(view)
+        finished = self._log.sections
+        section = sections_before.read_section(self._setup.read, view, wanted, finished)
+        sections_before.check_section_orientation(section.groove)
+        if len(before := planning_sections(finished)) > 1:
+            last = before[-2]
+            gone = float((section.T_b_g[:3, 3] - last.T_b_g[:3, 3]) @ self._along_b)
+            step = max(gone, PLANNING_SPACING)
+            ahead = StepRequest(last, last.T_b_g[:3, 3] + step * self._along_b, step)
+            sections_before.check_section_one_step_ahead(section, ahead)
+            sections_before.check_measures_plausible(section, ahead)
+        self._finish_section(section)
+        self._length = length
+
+    def _lead_on(self, following: Following, path: FollowedPath) -> FollowedPath:
+        """Lead the path on along the seam that the sections show, if it can be."""
+        sections = planning_sections(self._log.sections)
+        end = self._end_length + self._plan.section_spacing
+        if len(sections) < FEWEST_SECTIONS_TO_PLAN:
+            return path
+        try:
+            seam = predict_seam(sections, self._plan, self._plan.horizon)
+            self._along_b = seam.T_b_t[0, :3, 0]
+            new = self._planner.extend(path, seam, self._length, end, self._poses.latest)
+            following.replace(new.motion)
+        except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathNotExtended) as error:
+            self._why_not_on = str(error)
+            return path
+        return new
+
+    def _lead_to_rest(self, following: Following, path: FollowedPath) -> FollowedPath:
+        """Let the path end as soon as the arm can rest on it."""
+        try:
+            new = self._planner.shorten(path, self._poses.latest)
+            following.replace(new.motion)
+        except (errors.PoseUnreachable, errors.PathNotExtended):
+            return path
+        return new
+
+    @property
+    def _length_gone(self) -> float:
+        return self._length - self._second_length
+
+    @property
+    def _end_length(self) -> float:
+        """Length along the groove at which the last section is wanted; infinite without."""
+        length = self._plan.length
+        return np.inf if length is None else self._second_length + length
+
+    def _reason_to_stop(self) -> StopReason | None:
+        """Reason why the scan is done, see `reason_to_stop`."""
+        if self._length > self._end_length - self._plan.section_spacing:
+            return StopReason.LENGTH
+        whole = replace(self._plan, length=None)
+        return reason_to_stop(whole, self._log.sections, self._plan.section_spacing)
+
+    def _lay_clock(self, state: ArmState) -> None:
+        """Move the laser to and fro across the groove, and lay its clock on the arm's.
+
+        Raises
+        ------
+        LaserFault
+            If the groove is not seen, or no offset lets it stand still.
+        """
+        profiles, seen = [], []
+        path = self._planner.shuttle(state.q, state.time)
+        with self._arm.follow() as following:
+            following.replace(path.motion)
+            for profile in self._stream.profiles(following):
+                self._stop.raise_if_stop_now()
+                if profile is not None:
+                    profiles.append(profile)
+                    try:
+                        seen.append((profile.time, self._setup.read(profile, prior=None)))
+                    except errors.GrooveNotFound as error:
+                        self._why_not_on = str(error)
+                if self._poses.latest > path.end + SETTLING_TIME:
+                    break
+        if len(seen) < FEWEST_SHUTTLE_SECTIONS:
+            raise errors.LaserFault(
+                f"the groove was read in {len(seen)} profiles while the laser went to and fro "
+                f"across it, {FEWEST_SHUTTLE_SECTIONS} are needed to find the offset of its "
+                f"clock: {self._why_not_on}"
+            )
+        offset, sigma = clock_offset(ShuttleViews.of_sections(seen), self._poses, self._setup.T_f_s)
+        middle = seen[len(seen) // 2][0]
+        self._clock = LaserClock(offset, sigma, middle, self._poses.period)
+        for profile in profiles:
+            if self._poses.cover(time := self._clock.arm_time(profile.time)):
+                self._record_view(self._poses.at(time), profile)
+        self._log.record_event(
+            ScanEvent.CLOCK,
+            f"the arm's clock is {1e3 * offset:.2f} ± {1e3 * sigma:.2f} ms ahead of the laser's, "
+            f"from {len(seen)} profiles of a shuttle across the groove",
+        )
+
+
+def _chords(sections: Sections) -> Array:
+    """Distances from section to section, metres, one fewer than these."""
+    origins = np.array([section.T_b_g[:3, 3] for section in sections])
+    return np.asarray(np.linalg.norm(np.diff(origins, axis=0), axis=1))

@@ -1,0 +1,112 @@
+"""The seam ahead of the last section: where frame t shall go, and how sure that is."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from tjscan.core.errors import TubesNotFound
+from tjscan.core.frames import Array, array_dataclass, unit_vector
+from tjscan.scanning import seam_fit
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.section import Sections
+from tjscan.scanning.smooth import ExpectedSection, wall_and_leg
+from tjscan.scanning.target import target_pose_along
+
+FIRST_DISTANCE: Final = 6e-3
+PREDICTION_SPACING: Final = 12e-3
+"""Metres from the last section to the first place that is predicted, and from place to place."""
+
+NEWTON_STEPS: Final = 4
+"""From each place to the next."""
+
+LARGEST_SIGMA: Final = 2.5e-3
+"""Metres across the groove, standard deviation: up to it the groove stays well in view."""
+
+
+@array_dataclass
+class SeamAhead:
+    """Frames t along the seam ahead.
+
+    Parameters
+    ----------
+    lengths : ndarray, shape (m,)
+        Metres along the groove from the last section, rising.
+    T_b_t, T_b_s : ndarray, shape (m, 4, 4)
+        Frame t, its x axis along the groove, and the sensor as the plan wants it there, metres.
+    """
+
+    lengths: Array
+    T_b_t: Array
+    T_b_s: Array
+
+
+def predict_seam(sections: Sections, plan: ScanPlan, farthest: float) -> SeamAhead:
+    """Predict the seam beyond the last section, as far as it is known well.
+
+    Parameters
+    ----------
+    sections : sequence of ScannedSection
+        Those that the seam is fitted to, two or more.
+    plan : ScanPlan
+        Direction and view.
+    farthest : float
+        Metres from the last section.
+
+    Raises
+    ------
+    TubesNotFound
+        If no seam fits the sections.
+    """
+    track, last = seam_fit.RecentSections(sections), sections[-1]
+    seam = seam_fit.fit_tubes_to_sections(track)
+    distances = np.arange(FIRST_DISTANCE, farthest + PREDICTION_SPACING, PREDICTION_SPACING)
+    R_b_s, section = last.view.T_b_s[:3, :3], None
+    before = track.origins[-1]
+    origins, walls, angles = [], [], []
+    for distance in distances:
+        ahead = ExpectedSection(track, seam, last.T_b_g, float(distance))
+        if section is None:
+            section = ahead.initial_section(R_b_s)
+        else:
+            section = np.concatenate((section[:3] + (section[:3] - before), section[3:]))
+            before = origins[-1]
+        try:
+            for _ in range(NEWTON_STEPS):
+                section = ahead.after_newton_step(section, R_b_s)
+        except np.linalg.LinAlgError as error:
+            raise TubesNotFound("no section of the seam lies ahead") from error
+        wall, _ = wall_and_leg(section, R_b_s)
+        _, work_angle = ahead.ideal_frame_and_work_angle(section, R_b_s)
+        covariance = ahead.covariance(section, R_b_s)
+        if not np.isfinite(covariance).all() or max(np.diag(covariance)[1:3]) > LARGEST_SIGMA**2:
+            break
+        T_s_t = plan.target_pose_in_sensor(work_angle)
+        T_b_t = target_pose_along(section[:3] - before, -wall, section[:3])
+        R_b_s = T_b_t[:3, :3] @ T_s_t[:3, :3].T
+        origins.append(section[:3])
+        walls.append(wall)
+        angles.append(work_angle)
+    if len(origins) < 2:
+        raise TubesNotFound("the seam ahead is too unsure")
+    return _frames_along(np.array(origins), np.array(walls), np.array(angles), plan)
+
+
+def _frames_along(origins: Array, walls: Array, angles: Array, plan: ScanPlan) -> SeamAhead:
+    """Frames on a smooth curve through origins, x along it."""
+    chords = np.linalg.norm(np.diff(origins, axis=0), axis=1)
+    lengths = FIRST_DISTANCE + np.concatenate(([0.0], chords.cumsum()))
+    tangents = CubicSpline(lengths, origins)(lengths, 1)
+    T_b_t = np.array(
+        [target_pose_along(*row) for row in zip(tangents, -walls, origins, strict=True)]
+    )
+    T_s_t = np.array([plan.target_pose_in_sensor(float(angle)) for angle in angles])
+    return SeamAhead(lengths, T_b_t, T_b_t @ np.linalg.inv(T_s_t))
+
+
+def seam_direction(sections: Sections) -> Array:
+    """Direction of the groove at the last of two or more sections, unit vector."""
+    last, before = (section.T_b_g[:3, 3] for section in (sections[-1], sections[-2]))
+    return unit_vector(last - before)

@@ -1,0 +1,95 @@
+"""Profiles taken in passing, each with the pose of the arm at the moment it was taken."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Final
+
+from tjscan.core.errors import ConfigurationError, LaserFault
+from tjscan.laser.line_laser import LineLaser, StreamingLaser
+from tjscan.laser.profile import Profile, ProfileRepeats
+from tjscan.robot.arm import Arm, ArmState
+from tjscan.robot.following import Following, FollowingArm, check_can_follow
+from tjscan.scanning.continuous.clocks import LaserClock
+from tjscan.scanning.continuous.poses import ActualPoses
+
+PROFILE_PERIOD: Final = 0.005
+"""Seconds from profile to profile."""
+
+LONGEST_SILENCE: Final = 10.0
+"""Seconds on the arm's clock without a profile that is waited for more."""
+
+MOST_PENDING: Final = 200
+"""Profiles that may wait for the arm's states: a second."""
+
+
+def devices_that_follow(arm: Arm, laser: LineLaser) -> tuple[FollowingArm, StreamingLaser]:
+    """Arm and laser of a continuous scan; nothing moves.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm can't follow paths, or the laser takes no stream of profiles.
+    """
+    if not isinstance(laser, StreamingLaser):
+        raise ConfigurationError(
+            "this laser's driver takes profiles one by one, and does not say when in a stream of "
+            'them: set mode = "stepwise"',
+            key="scan.mode",
+        )
+    return check_can_follow(arm), laser
+
+
+class PlacedProfiles:
+    """The stream of a laser's profiles, each with the arm's state in the middle of its exposure.
+
+    Parameters
+    ----------
+    laser : StreamingLaser
+        Takes the profiles.
+    poses : ActualPoses
+        Learns the arm's states.
+    repeats : ProfileRepeats
+        Knows the profiles that came before: one that comes again was not taken now.
+    """
+
+    def __init__(self, laser: StreamingLaser, poses: ActualPoses, repeats: ProfileRepeats) -> None:
+        self._laser, self._poses, self._repeats = laser, poses, repeats
+
+    def profiles(self, following: Following) -> Iterator[Profile | None]:
+        """Profiles as they arrive, None where one is missing or came before; never ends.
+
+        Raises
+        ------
+        LaserFault
+            After `LONGEST_SILENCE`.
+        ArmFault
+            If the arm stopped.
+        """
+        heard: float | None = None
+        for profile in self._laser.stream(PROFILE_PERIOD):
+            self._poses.add(following.states())
+            latest = self._poses.latest
+            heard = latest if heard is None else heard
+            if profile is not None and not self._repeats.is_repeat(profile):
+                heard = latest
+                yield profile
+                continue
+            if latest - heard > LONGEST_SILENCE:
+                raise LaserFault(f"no profile came for {latest - heard:.0f} s")
+            yield None
+
+    def placed(
+        self, following: Following, clock: LaserClock
+    ) -> Iterator[list[tuple[ArmState, Profile]]]:
+        """States and profiles, as soon as the arm's states cover them; never ends."""
+        pending: deque[Profile] = deque(maxlen=MOST_PENDING)
+        for profile in self.profiles(following):
+            if profile is not None:
+                clock.notice_arrival(profile.time, self._poses.latest)
+                pending.append(profile)
+            ready = []
+            while pending and self._poses.cover(time := clock.arm_time(pending[0].time)):
+                ready.append((self._poses.at(time), pending.popleft()))
+            yield ready
