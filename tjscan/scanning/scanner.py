@@ -97,7 +97,7 @@ class Scanner:
         """
         self._scan_taught("first", self._taker.move_joint_to_pose(T_b_f_first))
         self._scan_taught("second", self._taker.move_linear(T_b_f_second))
-        self._check_direction()
+        self._check_direction(self._log.sections[1].T_b_g[:3, 3], 0.1 * self._plan.step)
         return self._scan_until_done()
 
     def resume(self, done: RecordedScan, sections: Sections) -> ScanResult:
@@ -389,14 +389,17 @@ class Scanner:
             )
         return moved
 
-    def _check_direction(self) -> None:
-        """Refuse taught poses that coincide or lead the other way round than the plan."""
-        first, second = (section.T_b_g for section in self._log.sections)
-        forward = float((second[:3, 3] - first[:3, 3]) @ first[:3, 0])
+    def _check_direction(self, second: Array, least: float) -> None:
+        """Refuse taught poses that coincide or lead the other way round than the plan.
+
+        The second looks at a place, shape (3,), that must be so far ahead of the first, metres.
+        """
+        first = self._log.sections[0].T_b_g
+        forward = float((second - first[:3, 3]) @ first[:3, 0])
         if self._plan.direction is ScanDirection.CLOCKWISE:
             forward = -forward
-        if forward < 0.1 * self._plan.step:
-            apart = 1e3 * float(np.linalg.norm(second[:3, 3] - first[:3, 3]))
+        if forward < least:
+            apart = 1e3 * float(np.linalg.norm(second - first[:3, 3]))
             raise errors.ConfigurationError(
                 f"the second taught section is {apart:.1f} mm from the first, "
                 f"{'behind it' if forward < 0 else 'too close'} for a {self._plan.direction} scan; "

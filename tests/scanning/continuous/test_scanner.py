@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 from cells import CLOCKWISE, PAPER, Notes, example_corner_errors
 from continuous_scans import HeardThrough, flange_speeds, passing_views, scan_continuously
 
-from tjscan.core.errors import ArmFault, LaserFault
+from tjscan.core.errors import ArmFault, ConfigurationError, LaserFault
 from tjscan.laser.profile import Profile
+from tjscan.recording.journal import RunEvent
 from tjscan.scanning.journal import ScanEvent, StopReason, reason_to_stop
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.stopping import StopRequest
@@ -134,3 +136,56 @@ def test_a_groove_that_closes_ends_the_scan_where_it_began(monkeypatch: pytest.M
     assert result.stop is StopReason.CLOSED
     assert len(result.sections) == 31
     assert flange_speeds(passing_views(notes))[-3:].max() < AT_REST
+
+
+@pytest.mark.parametrize("hidden", [range(130), range(60, 400)], ids=["first", "most"])
+def test_a_shuttle_that_does_not_see_the_groove_all_the_way_is_refused(hidden: range) -> None:
+    blank = np.full(640, np.nan)
+
+    class Blinded(HeardThrough):
+        def stream(self, period: float) -> Iterator[Profile | None]:
+            for n, profile in enumerate(self.laser.stream(period)):
+                yield replace(profile, x_s=blank, z_s=blank) if n in hidden else profile
+
+    with pytest.raises(LaserFault, match="quarters"):
+        scan_continuously({}, through=Blinded(lambda n, profile: profile))
+
+
+def test_stamps_that_leap_end_the_scan_as_a_fault() -> None:
+    def leaps(n: int, profile: Profile | None) -> Profile | None:
+        late = 0.4 if n > 200 else 0.0
+        return None if profile is None else replace(profile, time=profile.time + late)
+
+    with pytest.raises(LaserFault, match="leaps"):
+        scan_continuously({}, through=HeardThrough(leaps))
+
+
+def test_what_is_not_seen_on_the_way_is_gone_back_to() -> None:
+    notes = Notes()
+    silent = HeardThrough(lambda n, profile: None if 300 <= n < 380 else profile)
+    result = scan_continuously({}, notes=notes, through=silent)
+    assert result.counts.retreats >= 1
+    steps = np.linalg.norm(np.diff([s.T_b_g[:3, 3] for s in result.sections], axis=0), axis=1)
+    assert steps.max() < 4.5e-3
+
+
+def test_a_scan_that_goes_on_by_single_steps_leaves_nothing_out() -> None:
+    stop = StopRequest()
+    notes = StopsAt(stop.pause, 20)
+    original = notes.record
+
+    def record(message: object) -> None:
+        original(message)
+        if isinstance(message, RunEvent) and message.name == ScanEvent.PAUSED:
+            stop.go_one_step() if len(notes.sections) < 26 else stop.go_on()
+
+    notes.record = record  # type: ignore[method-assign]
+    result = scan_continuously({}, notes=notes, stop=stop)
+    assert result.stop is StopReason.LENGTH
+    steps = np.linalg.norm(np.diff([s.T_b_g[:3, 3] for s in result.sections], axis=0), axis=1)
+    assert steps.max() < 4.5e-3
+
+
+def test_poses_that_lead_the_other_way_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="behind it"):
+        scan_continuously({"scan.direction": "clockwise"})

@@ -7,7 +7,7 @@ Across it, a corner stands still only if each profile is laid at the pose of its
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
@@ -17,8 +17,25 @@ from tjscan.core.frames import Array, array_dataclass, inverse_pose
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.continuous.poses import ActualPoses
 
-LARGEST_OFFSET: Final = 0.5
-"""Seconds that two clocks may be apart, beside what their first stamps show."""
+LARGEST_DELAY: Final = 0.1
+"""Seconds from a profile's exposure until it is there, at most, of the one that was quickest."""
+
+LARGEST_OFFSET_SIGMA: Final = 0.5e-3
+"""Seconds, standard deviation of an offset that is still good enough."""
+
+LARGEST_DRIFT: Final = 3e-4
+"""Of a clock's rate: no clock in order runs so much faster than another."""
+
+EARLIEST_ARRIVAL: Final = 0.02
+LATEST_ARRIVAL: Final = 0.5
+"""Seconds that a profile may be there before or after its usual delay: beyond them its stamp is
+wrong."""
+
+PUNCTUAL: Final = 5e-3
+"""Seconds by which a profile may be later than usual and still tell of the clocks' drift."""
+
+ARRIVAL_BLOCK: Final = 0.5
+"""Seconds of profiles whose median counts."""
 
 CORRELATED_NOISE_FACTOR: Final = 2.0
 """By which the offset's standard deviation is larger than that of independent errors: what
@@ -61,7 +78,9 @@ class ShuttleViews:
         return cls(stamps, corners)
 
 
-def clock_offset(views: ShuttleViews, poses: ActualPoses, T_f_s: Array) -> tuple[float, float]:
+def clock_offset(
+    views: ShuttleViews, poses: ActualPoses, T_f_s: Array, largest: float
+) -> tuple[float, float]:
     """By how much the arm's clock is ahead of the laser's, and its standard deviation, seconds.
 
     The offset that lets the corners stand still, by Gauss–Newton.
@@ -74,15 +93,19 @@ def clock_offset(views: ShuttleViews, poses: ActualPoses, T_f_s: Array) -> tuple
         Where the arm was.
     T_f_s : ndarray, shape (4, 4)
         The sensor on the flange, metres.
+    largest : float
+        Largest offset that is possible, seconds: no profile is there before it was taken.
 
     Raises
     ------
     LaserFault
-        If no offset does: the clocks are too far apart, or leap.
+        If no offset up to `LARGEST_DELAY` below that does, or it is not known well.
     """
+    earliest, last = views.stamps + largest - LARGEST_DELAY, views.stamps + largest
+    covered = (earliest > poses.first) & (last + EARLIEST_ARRIVAL < poses.latest)
+    views = ShuttleViews(views.stamps[covered], views.corners[covered])
     T_first_b = inverse_pose(poses.at(poses.first).T_b_f @ T_f_s)
-    offset = poses.first - float(views.stamps[0])
-    start = offset
+    offset = largest - 0.5 * LARGEST_DELAY
 
     def places(shift: float) -> Array:
         """Corners laid where they would be, in the plane of the first pose, shape (n, 2 k)."""
@@ -106,10 +129,11 @@ def clock_offset(views: ShuttleViews, poses: ActualPoses, T_f_s: Array) -> tuple
             break
         change = -float(np.nansum(weight * slope * left)) / information
         offset += change
-        if abs(change) < CONVERGED_STEP:
-            return offset, CORRELATED_NOISE_FACTOR * sigma / sqrt(information)
-        if abs(offset - start) > LARGEST_OFFSET:
+        if not largest - LARGEST_DELAY <= offset <= largest + EARLIEST_ARRIVAL:
             break
+        spread = CORRELATED_NOISE_FACTOR * sigma / sqrt(information)
+        if abs(change) < CONVERGED_STEP and spread < LARGEST_OFFSET_SIGMA:
+            return offset, spread
     raise LaserFault(
         "the laser's clock can't be laid on the arm's: no offset lets the groove stand still while "
         "the laser goes to and fro across it. See that its stamps tell when a profile was taken"
@@ -119,8 +143,8 @@ def clock_offset(views: ShuttleViews, poses: ActualPoses, T_f_s: Array) -> tuple
 class LaserClock:
     """The arm's time of a profile, from the laser's stamp.
 
-    The offset is that of the shuttle; how fast the clocks drift apart since is estimated from when
-    profiles arrive.
+    The offset is that of the shuttle. How fast the clocks drift apart since is estimated from when
+    profiles arrive, those that are late left out.
 
     Parameters
     ----------
@@ -128,33 +152,56 @@ class LaserClock:
         By which the arm's clock is ahead at `since`, and its standard deviation, seconds.
     since : float
         Stamp of the offset, seconds.
+    delay : float
+        From exposure to arrival, as usual, seconds.
     state_period : float
         Seconds from one state of the arm to the next.
     """
 
     def __init__(
-        self,
-        offset: float = 0.0,
-        sigma: float = 0.0,
-        since: float = 0.0,
-        state_period: float = 0.0,
+        self, offset: float, sigma: float, since: float, delay: float, state_period: float
     ) -> None:
         self.offset, self.sigma, self.since = offset, sigma, since
+        self._delay, self._drift, self._drift_sigma = delay, 0.0, DRIFT_SIGMA
         self._variance = ARRIVAL_SIGMA**2 + state_period**2 / 12
-        self._drift = 0.0
-        # Sums of a regression of late arrivals over the time since: 1, t, t², y, t y.
-        self._sums = np.zeros(5)
+        self._arrivals: list[tuple[float, float]] = [(0.0, delay)]
+        self._block: list[tuple[float, float]] = []
+        self._last = -np.inf
 
     def arm_time(self, stamp: float) -> float:
         """Seconds on the arm's clock."""
         return stamp + self.offset + self._drift * (stamp - self.since)
 
+    def sigma_at(self, stamp: float) -> float:
+        """Standard deviation of `arm_time`, seconds."""
+        return hypot(self.sigma, self._drift_sigma * (stamp - self.since))
+
     def notice_arrival(self, stamp: float, arrival: float) -> None:
-        """Take note of when a profile arrived, seconds on the arm's clock."""
-        t = stamp - self.since
-        y = arrival - stamp - self.offset
-        self._sums += (1.0, t, t * t, y, t * y)
-        n, st, stt, sy, sty = self._sums
-        spread = stt - st * st / n
-        prior = self._variance / DRIFT_SIGMA**2
-        self._drift = float((sty - st * sy / n) / (spread + prior))
+        """Take note of when a profile arrived, seconds on the arm's clock.
+
+        Raises
+        ------
+        LaserFault
+            If its stamp can't be true.
+        """
+        late = arrival - self.arm_time(stamp) - self._delay
+        if stamp <= self._last or not -EARLIEST_ARRIVAL < late < LATEST_ARRIVAL:
+            raise LaserFault(
+                f"the laser's clock leaps: a profile's stamp is {1e3 * late:.0f} ms before its "
+                "arrival should be. See that nothing sets the laser's clock while it measures"
+            )
+        self._last = stamp
+        if abs(late) < PUNCTUAL:
+            self._block.append((stamp - self.since, arrival - stamp - self.offset))
+            if self._block[-1][0] - self._block[0][0] >= ARRIVAL_BLOCK:
+                t, y = np.median(self._block, axis=0).tolist()
+                self._arrivals.append((t, y))
+                self._block = []
+                self._estimate_drift()
+
+    def _estimate_drift(self) -> None:
+        t, y = np.array(self._arrivals).T
+        t, y = t - t.mean(), y - y.mean()
+        own = float(t @ t) + self._variance / DRIFT_SIGMA**2
+        self._drift = float(np.clip(t @ y / own, -LARGEST_DRIFT, LARGEST_DRIFT))
+        self._drift_sigma = sqrt(self._variance / own)

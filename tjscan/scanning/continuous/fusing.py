@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -12,17 +13,20 @@ from tjscan.laser.profile import Profile
 from tjscan.scanning.profile_taker import merge_repeated_profiles
 from tjscan.scanning.section import ProfileView, Substep
 
+LARGEST_HALF_WIDTH: Final = 1e-3
+"""Metres to either side of a place within which profiles are fused: over more of the groove the
+section turns and its edges bend within what is fused."""
+
 
 class ProfileFuser:
     """Fuses the profiles about evenly spaced places along the groove, each as soon as it can be.
 
-    By length, never by count: over more of the groove than a section's spacing, the section turns
-    and its edges bend within what is fused.
+    By length, never by count.
 
     Parameters
     ----------
     spacing : float
-        Metres from one place to the next. Profiles within half of it of a place are fused.
+        Metres from one place to the next.
     p_s_t : ndarray, shape (3,)
         Where the groove is meant to be seen, in the sensor frame, metres.
     """
@@ -61,7 +65,7 @@ class ProfileFuser:
             self.gone += float((here - self._last) @ along_b)
         self._last = here
         self._recent.append((self.gone, view))
-        half = 0.5 * self._spacing
+        half = min(0.5 * self._spacing, LARGEST_HALF_WIDTH)
         while self.gone >= self._next_place + half:
             place = self._next_place
             self._next_place += self._spacing

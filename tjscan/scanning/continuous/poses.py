@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
@@ -56,7 +57,16 @@ class ActualPoses:
         return bool(self._states) and time <= self.latest
 
     def at(self, time: float) -> ArmState:
-        """State at a time that is covered: joint angles by a cubic through the states about it."""
+        """State at a time that is covered: joint angles by a cubic through the states about it.
+
+        Raises
+        ------
+        LaserFault
+            If it is before the first state that is kept.
+        """
+        if time < self.first - self.period:
+            age = self.latest - time
+            raise LaserFault(f"a profile is {age:.1f} s old: the arm's states then are not known")
         states = self._states
         i = len(states) - 1
         while i > 0 and states[i - 1].time >= time:

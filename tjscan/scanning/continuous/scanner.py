@@ -47,8 +47,17 @@ FEWEST_SECTIONS_TO_PLAN: Final = 3
 CLOSING_SPACINGS: Final = 1.5
 """Spacings of sections within which the groove is back at the first one."""
 
-FEWEST_SHUTTLE_SECTIONS: Final = 30
-"""Sections read in a shuttle from which the laser's clock is laid on the arm's."""
+LEAST_TAUGHT_DISTANCE: Final = 10e-3
+"""Metres from one taught pose to the other: nearer ones do not tell the groove's direction."""
+
+LONGEST_GAP: Final = 8e-3
+"""Metres of groove without a section beyond which the arm goes back."""
+
+LEAST_STEP: Final = 5e-3
+"""Metres of a step from rest."""
+
+FEWEST_SHUTTLE_SECTIONS: Final = 15
+"""Sections read in each quarter of a shuttle from which the laser's clock is laid on the arm's."""
 
 
 class ContinuousScanner(Scanner):
@@ -100,7 +109,8 @@ class ContinuousScanner(Scanner):
         self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
         self._T_b_f_second = T_b_f_second
         self._second_point = self._planner.groove_point(T_b_f_second)
-        self._poses, self._clock = ActualPoses(kinematics), LaserClock()
+        self._poses = ActualPoses(kinematics)
+        self._clock: LaserClock
         self._stream = PlacedProfiles(laser, self._poses, ProfileRepeats())
         self._fuser = ProfileFuser(plan.section_spacing, p_s_t)
         self._along_b = np.zeros(3)
@@ -108,6 +118,7 @@ class ContinuousScanner(Scanner):
         # Lengths along the groove: of the last section, of the one that a path was planned from
         # last, and of the second taught pose.
         self._length = self._planned_length = self._second_length = 0.0
+        self._length_of: dict[int, float] = {}
         self._passed_second = self._closed = False
         self._why_not_on = ""
 
@@ -115,13 +126,18 @@ class ContinuousScanner(Scanner):
         """Scan from two taught flange poses. See `Scanner.run`."""
         state = self._taker.move_joint_to_pose(T_b_f_first)
         self._scan_taught("first", state)
+        self._check_direction(self._second_point, LEAST_TAUGHT_DISTANCE)
         self._lay_clock(state)
+        return self._scan_on(self._straight_to_second())
+
+    def _straight_to_second(self) -> FollowedPath:
+        """The way from where the arm stands to the second taught pose; lengths count from here."""
         state = self._setup.arm.state()
-        path = self._planner.straight(state.q, T_b_f_second, state.time)
+        path = self._planner.straight(state.q, self._T_b_f_second, state.time)
         ahead = self._second_point - self._planner.groove_point(state.T_b_f)
         self._along_b, self._second_length = unit_vector(ahead), path.length
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, 0.0)
-        return self._scan_on(path)
+        return path
 
     def _scan_until_done(self) -> ScanResult:
         """Go on from where the arm stands, at the last section of a scan that was interrupted."""
@@ -129,7 +145,14 @@ class ContinuousScanner(Scanner):
         self._lay_clock(self._setup.arm.state())
         origins = np.array([section.T_b_g[:3, 3] for section in sections])
         from_second = np.linalg.norm(origins - self._second_point, axis=1)
-        self._second_length = groove_length(sections[: 1 + int(from_second.argmin())])
+        nearest = int(from_second.argmin())
+        if len(planning_sections(sections)) == 1:
+            return self._scan_on(self._straight_to_second())
+        self._second_length = groove_length(sections[: nearest + 1])
+        if nearest == len(sections) - 1:  # the second pose is still ahead
+            direction = seam_direction(planning_sections(sections))
+            ahead = float((self._second_point - origins[-1]) @ direction)
+            self._second_length += max(ahead, 0.0)
         return self._scan_on(self._standing(groove_length(sections)))
 
     def _scan_on(self, path: FollowedPath) -> ScanResult:
@@ -139,7 +162,7 @@ class ContinuousScanner(Scanner):
         """
         reached = self._length
         while True:
-            self._follow(path)
+            asked = self._follow(path)
             if (stop := self._reason_to_stop()) is not None:
                 return self._end_scan(stop)
             if (ended := self._wait_for_permission()) is not None:
@@ -150,18 +173,31 @@ class ContinuousScanner(Scanner):
                 # or before it, if its controller did not take the path there
                 self._scan_taught("second", self._taker.move_joint_to_pose(self._T_b_f_second))
                 length = self._second_length
-            elif self._length > reached:
-                self._log.record_event(ScanEvent.RETREAT, why)
-                last = sections[-1].view
-                self._taker.move_joint_to_pose(last.T_b_f, near=last.q)
+            elif asked or self._length > reached:
+                if not asked:
+                    self._log.record_event(ScanEvent.RETREAT, why)
+                if (ended := self._return_to_last_section()) is not None:
+                    return ended
                 length = self._length
             else:
                 self._log.record_event(ScanEvent.STEPWISE, why)
-                if (ended := self._make_step(self._plan.step)) is not None:
+                step = max(min(self._plan.step, self._end_length - self._length), LEAST_STEP)
+                if (ended := self._make_step(step)) is not None:
                     return ended
                 length = self._length + float(_chords(sections[-2:])[0])
             path = self._standing(length)
             reached = length
+
+    def _return_to_last_section(self) -> ScanResult | None:
+        """Go back and see that the section is still there; the scan's result if that ends it."""
+        last = self._log.sections[-1].view
+        try:
+            self._check_last_section(self._taker.move_joint_to_pose(last.T_b_f, near=last.q))
+        except errors.PoseUnreachable as error:
+            return self._end_scan(StopReason.UNREACHABLE, str(error))
+        except errors.JointMoved as error:
+            return self._end_scan(StopReason.LOST, str(error))
+        return None
 
     def _standing(self, length: float) -> FollowedPath:
         """No path yet, from the section before which the arm stands."""
@@ -171,9 +207,12 @@ class ContinuousScanner(Scanner):
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, length)
         return FollowedPath.standing(state.q, length, state.time)
 
-    def _follow(self, path: FollowedPath) -> None:
-        """Follow a path, leading it on along the groove, until the arm rests at its end."""
-        rests, self._path_before = False, path
+    def _follow(self, path: FollowedPath) -> bool:
+        """Follow a path, leading it on along the groove, until the arm rests at its end.
+
+        Gives whether it was asked to rest; it measures a section before it does.
+        """
+        rests, self._path_before, start = False, path, self._length
         with self._arm.follow() as following:
             if path.leads_on:
                 path = path.begun_from_rest(self._setup.arm.state().time)
@@ -182,21 +221,27 @@ class ContinuousScanner(Scanner):
                 self._stop.raise_if_stop_now()
                 for state, profile in placed:
                     self._take(state, profile)
-                if self._stop.asks_for_rest or self._closed:
+                asked = self._stop.asks_for_rest and self._length > start
+                lost = self._fuser.gone > self._length + LONGEST_GAP
+                if asked or lost or self._closed:
                     if not rests:
                         path, rests = self._lead_to_rest(following, path)
                 elif self._length >= self._planned_length + PLANNING_SPACING:
                     self._planned_length = self._length
                     path = self._lead_on(following, path)
-                # A laser that is silent is waited for.
-                if self._stream.heard > path.end + SETTLING_TIME:
-                    return
+                # A laser that is silent is waited for, if it is still needed.
+                done = self._reason_to_stop() is not None
+                heard = self._poses.latest if done else self._stream.heard
+                if heard > path.end + SETTLING_TIME:
+                    return asked
+        raise AssertionError("a stream has no end")
 
     def _take(self, state: ArmState, profile: Profile) -> None:
         """Record a profile that was taken in passing, and read the sections it completes."""
         view = self._record_view(state, profile)
         for length, fused in self._fuser.add(view, self._along_b):
-            if length > self._end_length or self._closed:
+            missed = length > self._length + LONGEST_GAP
+            if missed or length > self._end_length or self._closed:
                 return
             try:
                 self._read(length, replace(fused, index=len(self._log.sections)))
@@ -211,7 +256,8 @@ class ContinuousScanner(Scanner):
         past = self._fuser.gone >= self._second_length > 0
         substep = Substep.TAUGHT if past and not self._passed_second else Substep.PASSING
         self._passed_second |= past
-        profile = replace(profile, time=state.time, time_uncertainty=self._clock.sigma)
+        sigma = self._clock.sigma_at(profile.time)
+        profile = replace(profile, time=state.time, time_uncertainty=sigma)
         T_b_s, index = state.T_b_f @ self._setup.T_f_s, len(self._log.sections)
         view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
         self._log.record(view)
@@ -235,13 +281,13 @@ class ContinuousScanner(Scanner):
         sections_before.check_section_orientation(section.groove)
         if len(before := planning_sections(finished)) > 1:
             last = before[-2]
-            gone = float((section.T_b_g[:3, 3] - last.T_b_g[:3, 3]) @ self._along_b)
+            gone = length - self._length_of.get(last.view.index, length - PLANNING_SPACING)
             step = max(gone, PLANNING_SPACING)
             ahead = StepRequest(last, last.T_b_g[:3, 3] + step * self._along_b, step)
             sections_before.check_section_one_step_ahead(section, ahead)
             sections_before.check_measures_plausible(section, ahead)
         self._finish_section(section)
-        self._length = length
+        self._length = self._length_of[section.view.index] = length
         around = replace(self._plan, length=None)
         closed = reason_to_stop(around, finished, CLOSING_SPACINGS * self._plan.section_spacing)
         self._closed = closed is not None
@@ -298,7 +344,7 @@ class ContinuousScanner(Scanner):
         LaserFault
             If the groove is not seen, or no offset lets it stand still.
         """
-        profiles, seen = [], []
+        profiles, arrivals, seen = [], [], []
         path = self._planner.shuttle(state.q, state.time)
         with self._arm.follow() as following:
             path = path.begun_from_rest(self._setup.arm.state().time)
@@ -307,21 +353,30 @@ class ContinuousScanner(Scanner):
                 self._stop.raise_if_stop_now()
                 if profile is not None:
                     profiles.append(profile)
+                    arrivals.append(self._poses.latest - profile.time)
                     try:
                         seen.append((profile.time, self._setup.read(profile, prior=None)))
                     except errors.GrooveNotFound as error:
                         self._why_not_on = str(error)
                 if self._poses.latest > path.end + SETTLING_TIME:
                     break
-        if len(seen) < FEWEST_SHUTTLE_SECTIONS:
+        # In each quarter of the way: a part of it tells a wrong offset as surely as the right one.
+        quarters = np.linspace(path.gone.times[0], path.end, 5)
+        late = min(arrivals, default=0.0)
+        read, _ = np.histogram([stamp + late for stamp, _ in seen], quarters)
+        if read.min() < FEWEST_SHUTTLE_SECTIONS:
             raise errors.LaserFault(
-                f"the groove was read in {len(seen)} profiles while the laser went to and fro "
-                f"across it, {FEWEST_SHUTTLE_SECTIONS} are needed to find the offset of its "
-                f"clock: {self._why_not_on}"
+                f"the groove was read in {', '.join(map(str, read))} profiles of the quarters of "
+                "the laser's way to and fro across it; in each "
+                f"{FEWEST_SHUTTLE_SECTIONS} are needed to find the offset of its clock: "
+                f"{self._why_not_on or 'no profiles came'}"
             )
-        offset, sigma = clock_offset(ShuttleViews.of_sections(seen), self._poses, self._setup.T_f_s)
+        views = ShuttleViews.of_sections(seen)
+        offset, sigma = clock_offset(views, self._poses, self._setup.T_f_s, late)
         middle = seen[len(seen) // 2][0]
-        self._clock = LaserClock(offset, sigma, middle, self._poses.period)
+        self._clock = LaserClock(
+            offset, sigma, middle, float(np.median(arrivals)) - offset, self._poses.period
+        )
         for profile in profiles:
             if self._poses.cover(time := self._clock.arm_time(profile.time)):
                 self._record_view(self._poses.at(time), profile)

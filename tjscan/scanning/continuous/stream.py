@@ -90,10 +90,12 @@ class PlacedProfiles:
         self, following: Following, clock: LaserClock
     ) -> Iterator[list[tuple[ArmState, Profile]]]:
         """States and profiles, as soon as the arm's states cover them; never ends."""
-        pending: deque[Profile] = deque(maxlen=MOST_PENDING)
+        pending: deque[Profile] = deque()
         for profile in self.profiles(following):
             if profile is not None:
                 clock.notice_arrival(profile.time, self._poses.latest)
+                if len(pending) == MOST_PENDING:
+                    raise LaserFault("the laser's stamps are ahead of the arm's states")
                 pending.append(profile)
             ready = []
             while pending and self._poses.cover(time := clock.arm_time(pending[0].time)):
