@@ -19,13 +19,16 @@ def ur_loopback(
     realtime: Annotated[bool, Parameter(negative="--fast")] = True,
     home_deg: tuple[float, float, float, float, float, float] = (-110, -95, 160, 105, -110, 0),
     calibration_seed: int | None = None,
+    clock: tuple[float, float] = (0.0, 0.0),
     attached: bool = False,
 ) -> None:
     """Simulate a Universal Robots controller on this machine, until interrupted.
 
     A line on stdin commands a fault: protective-stop, emergency-stop, power-off, local-mode,
     drop-link, freeze, refuse-targets, stop-program, miss-target or refuse-stop; clear sets all
-    right again, home puts the arm where it started.
+    right again, home puts the arm where it started. Of the packets of a path that is followed:
+    lose-packets, late-packets, double-packets, reorder-packets, freeze-registers; of the speed
+    slider: slider-zero, slider-half, slider-full.
     With a number behind it, it comes half way through that move, counted from now.
 
     Parameters
@@ -43,6 +46,8 @@ def ur_loopback(
     calibration_seed
         Draws a calibration of the arm's own, some tenths of a millimetre, which the controller
         states and follows; without it the arm is as its model has it.
+    clock
+        What its clock shows at first, in seconds, and by how many millionths it runs fast.
     attached
         End when stdin ends.
     """
@@ -56,6 +61,7 @@ def ur_loopback(
         fast=not realtime,
         attached=attached,
         calibration_seed=calibration_seed,
+        clock=clock,
     )
 
 

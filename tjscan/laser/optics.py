@@ -270,8 +270,9 @@ class SimulatedLaser(LocalDevice):
         LaserFault
             Outside a ``with`` block, or if the pose is not one.
         """
-        points = self.capture_with_origins()
-        return Profile(points.x_s, points.z_s, points.intensity, self._clock())
+        # The time is that of the pose, which is read next: to trace rays takes its time.
+        now, points = self._clock(), self.capture_with_origins()
+        return Profile(points.x_s, points.z_s, points.intensity, now)
 
     def stream(self, period: float) -> Iterator[Profile]:
         """Take profiles as the arm moves. See `StreamingLaser.stream`."""

@@ -206,6 +206,11 @@ class CollisionCheckedFollowing:
         self._following, self._clearance = following, clearance
         self.states = following.states
 
+    @property
+    def end(self) -> float:
+        """When the motion that is followed ends. See `Following.end`."""
+        return self._following.end
+
     def replace(self, motion: JointMotion) -> None:
         """Check a motion, and follow it. See `Following.replace`."""
         self._clearance.check_motion_is_clear(motion.q)

@@ -88,6 +88,11 @@ class CorrectedFollowing:
         self._following, self._correct = following, correct
         self.replace = following.replace
 
+    @property
+    def end(self) -> float:
+        """When the motion that is followed ends. See `Following.end`."""
+        return self._following.end
+
     def states(self) -> Sequence[ArmState]:
         """States since the last call. See `Following.states`."""
         return [self._correct(state) for state in self._following.states()]

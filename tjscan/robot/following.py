@@ -116,6 +116,10 @@ class JointMotion:
 class Following(Protocol):
     """An arm while it follows a path that grows."""
 
+    @property
+    def end(self) -> float:
+        """When the motion that is followed ends; a controller may have refused the last one."""
+
     def replace(self, motion: JointMotion) -> None:
         """Follow another motion from where it begins, which is on the one before.
 

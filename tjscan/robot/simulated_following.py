@@ -99,6 +99,11 @@ class SimulatedFollowing:
         """Joint angles as the encoders read them, shape (n,), radians."""
         return np.asarray(self._stages[-1])
 
+    @property
+    def end(self) -> float:
+        """When the motion that is followed ends. See `Following.end`."""
+        return self._motion.end
+
     def replace(self, motion: JointMotion) -> None:
         """Follow another motion. See `Following.replace`."""
         self._check()

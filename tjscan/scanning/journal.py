@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -298,6 +298,10 @@ class ScanResultsJournal:
         self.record(RunEvent(name, detail))
 
 
+SURFACE_SPACING: Final = 4e-3
+"""Metres between the sections that make the surface of an obstacle: nearer ones add nothing."""
+
+
 class ScannedSurfaceObstacle:
     """Journal that makes the scanned surface an obstacle that the arm keeps clear of.
 
@@ -318,9 +322,15 @@ class ScannedSurfaceObstacle:
 
     def record(self, message: object) -> None:
         """Add the strip from the last section to this one; false points of profiles are none."""
-        if isinstance(message, ScannedSection):
-            self._points_b.append(message.points_b)
-            self._update_obstacle()
+        if not isinstance(message, ScannedSection):
+            return
+        points_b = message.points_b
+        if self._points_b:
+            away = np.linalg.norm(points_b - self._points_b[-1], axis=1)
+            if away.max() < SURFACE_SPACING:
+                return
+        self._points_b.append(points_b)
+        self._update_obstacle()
 
     def _update_obstacle(self) -> None:
         if len(self._points_b) > 1:

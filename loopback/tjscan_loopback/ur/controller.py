@@ -14,6 +14,7 @@ from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan_loopback.ur.faults import InjectedFault, ScheduledFault
 from tjscan_loopback.ur.motion import DecelerationMotion, Motion
+from tjscan_loopback.ur.packets import PACKET_FAULTS, Inputs, PacketWay
 from tjscan_loopback.ur.program import RunningProgram
 from tjscan_loopback.ur.programs import ControllerPrograms
 from tjscan_loopback.ur.states import ProgramState, RobotPower, SafetyState
@@ -45,6 +46,13 @@ REMEMBERED_TICKS: Final = 1000
 OUTPUT_GROUPS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """First digital output of a group, and how many it has."""
 
+SLIDER_POSITIONS: Final = {
+    InjectedFault.SLIDER_ZERO: 0.0,
+    InjectedFault.SLIDER_HALF: 0.5,
+    InjectedFault.SLIDER_FULL: 1.0,
+}
+"""Positions of the speed slider."""
+
 FAULT_FLAGS: Final = {
     InjectedFault.DROP_LINK: ("dropping",),
     InjectedFault.DROP_DASHBOARD: ("dropping_dashboard",),
@@ -72,6 +80,10 @@ class LoopbackController:
         Whether motion runs faster than the wall's clock; its own clock runs with the motion.
     report_line : callable
         Receives a line for each move and program.
+    clock : float, optional
+        What its clock shows at first, seconds.
+    packet_seed : int, optional
+        Decides which packets are affected by their faults.
     """
 
     def __init__(
@@ -82,6 +94,8 @@ class LoopbackController:
         hz: float,
         fast: bool,
         report_line: Callable[[str], None],
+        clock: float = 0.0,
+        packet_seed: int = 0,
     ) -> None:
         self.kinematics, self.report_line = kinematics, report_line
         self.mode, self.safety, self.runtime = (
@@ -101,6 +115,8 @@ class LoopbackController:
         self.gravity: tuple[float, ...] = (0.0, 0.0, 9.82)
         self.digital_outputs, self.analog_outputs = 0, [0.0] * 2
         self.speed_fraction = 1.0
+        self.clock, self.packets = clock, PacketWay(packet_seed)
+        self._servo_target: Array | None = None
         self._masks: dict[str, int] = {}
         self.history: deque[Array] = deque([self.q], maxlen=REMEMBERED_TICKS)
         self.time = 0.0
@@ -124,6 +140,7 @@ class LoopbackController:
         step = self.tick * (self._worth if self._motion is not None else 1)
         self.time += step
         self._wall += self.tick
+        self._write_arrived()
         if self._wall - self._heard > self.patience and not self.deaf:
             self.stop_program()  # the watchdog that the client has set: no one writes any more
         self.history.append(self.q)
@@ -186,6 +203,15 @@ class LoopbackController:
             self.stop_program()
         self.mode = mode
 
+    def take_inputs(self, inputs: Inputs) -> None:
+        """Take what a packet writes, now or when it arrives."""
+        self.packets.send(inputs, self._wall)
+        self._write_arrived()
+
+    def _write_arrived(self) -> None:
+        for name, value in self.packets.arrived(self._wall):
+            self.write_input(name, value)
+
     def write_input(self, name: str, value: Value) -> None:
         """Write an input variable; all but registers are ignored."""
         kind, _, number = name.rpartition("_")
@@ -235,6 +261,16 @@ class LoopbackController:
         """Let the joints turn with a speed that each tick asks for, until another command."""
         self._take_over(None, speeds)
 
+    def servo(self, speeds: SpeedDrive, target: Array) -> None:
+        """Drive the joints towards a target, which the controller shows as such."""
+        self._take_over(None, speeds)
+        self._servo_target = target
+
+    @property
+    def target(self) -> Array:
+        """Joint angles that were commanded: those of the arm, but while it servoes."""
+        return self.q if self._servo_target is None else self._servo_target
+
     def let_go(self) -> None:
         """End the commands to the arm: unless one comes in this tick, it comes to rest."""
         self._is_let_go = True
@@ -243,7 +279,7 @@ class LoopbackController:
         self, motion: Motion | None, drive: SpeedDrive | None, elapsed: float = 0.0
     ) -> None:
         self._motion, self._drive, self._elapsed = motion, drive, elapsed
-        self._left, self._is_let_go = 0.0, False
+        self._left, self._is_let_go, self._servo_target = 0.0, False, None
 
     def stop_instantly(self) -> None:
         """Stop the motion at once, where it is."""
@@ -310,6 +346,10 @@ class LoopbackController:
         if fault in FAULT_FLAGS:
             for flag in FAULT_FLAGS[fault]:
                 setattr(self, flag, True)
+        elif fault in PACKET_FAULTS:
+            self.packets.faults.add(fault)
+        elif fault in SLIDER_POSITIONS:
+            self.speed_fraction = SLIDER_POSITIONS[fault]
         elif fault is InjectedFault.PROTECTIVE_STOP:
             self.protective_stop()
         elif fault is InjectedFault.EMERGENCY_STOP:
@@ -332,5 +372,7 @@ class LoopbackController:
         self.mode, self.safety, self.remote = RobotPower.RUNNING, SafetyState.NORMAL, True
         self.refusing = self.deaf = self.frozen = self._missing = self.dashboard_closed = False
         self._orders.clear()
+        self.packets.faults.clear()
+        self.speed_fraction = 1.0
         if self.runtime is ProgramState.PAUSED:
             self.stop_program()

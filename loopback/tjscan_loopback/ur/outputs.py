@@ -23,9 +23,9 @@ def read_output(controller: LoopbackController, name: str) -> Value:
 
 
 _OUTPUT_READERS: Final[dict[str, Callable[[LoopbackController], Value]]] = {
-    "timestamp": lambda c: c.time,
+    "timestamp": lambda c: c.clock + c.time,
     "actual_q": lambda c: c.q.tolist(),
-    "target_q": lambda c: c.q.tolist(),
+    "target_q": lambda c: c.target.tolist(),
     "actual_qd": lambda c: c.speed.tolist(),
     "target_qd": lambda c: c.speed.tolist(),
     "actual_TCP_pose": lambda c: c.tcp_pose(),

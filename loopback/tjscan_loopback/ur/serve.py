@@ -26,6 +26,7 @@ def run_loopback_server(
     fast: bool,
     attached: bool,
     calibration_seed: int | None = None,
+    clock: tuple[float, float] = (0.0, 0.0),
 ) -> None:
     """Run the loopback controller's server until interrupted, or until an attached stdin ends.
 
@@ -52,5 +53,13 @@ def run_loopback_server(
     if not possible:
         raise ConfigurationError(f"{kinematics.name} can't be at {list(home_deg)}", key="home_deg")
     survive_background_terminal_read()
-    controller = LoopbackController(kinematics, q, hz=hz, fast=fast, report_line=print_line)
-    asyncio.run(LoopbackServer(controller, model, host, hz, print_line, dh).run(attached=attached))
+    controller = LoopbackController(
+        kinematics,
+        q,
+        hz=hz,
+        fast=fast,
+        report_line=print_line,
+        clock=clock[0],
+    )
+    server = LoopbackServer(controller, model, host, hz, print_line, dh, 1 + 1e-6 * clock[1])
+    asyncio.run(server.run(attached=attached))

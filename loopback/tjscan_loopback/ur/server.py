@@ -58,6 +58,8 @@ class LoopbackServer:
         Receives a line when it is ready, and one for each command.
     dh : DhParameters, optional
         What it states of its arm's kinematics; nothing if left out, as older controllers.
+    rate : float, optional
+        Seconds of its clock in one of this machine's.
     """
 
     controller: LoopbackController
@@ -66,6 +68,7 @@ class LoopbackServer:
     hz: float
     report_line: Callable[[str], None]
     dh: DhParameters | None = None
+    rate: float = 1.0
 
     def __post_init__(self) -> None:
         check_is_loopback_address(self.host)
@@ -109,7 +112,7 @@ class LoopbackServer:
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
-            due = max(due + 1 / self.hz, loop.time() - LARGEST_DELAY)
+            due = max(due + 1 / (self.hz * self.rate), loop.time() - LARGEST_DELAY)
             await asyncio.sleep(max(due - loop.time(), 0))
             if self.controller.frozen:
                 continue
@@ -153,7 +156,7 @@ class LoopbackServer:
 
     async def _rtde(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         session = RtdeSession(
-            writer.write, CONTROLLER_VERSION, self.hz, self._registry, self.controller.write_input
+            writer.write, CONTROLLER_VERSION, self.hz, self._registry, self.controller.take_inputs
         )
         self._sessions[session] = writer
         try:

@@ -158,7 +158,7 @@ class RtdeSession:
     registry : InputOwners
         Who writes which input.
     write : callable
-        Is given each input that arrives: its name and its value.
+        Is given the inputs of each package that arrives: their names and values.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class RtdeSession:
         version: tuple[int, int, int, int],
         hz: float,
         registry: InputOwners,
-        write: Callable[[str, Value], None],
+        write: Callable[[Sequence[tuple[str, Value]]], None],
     ) -> None:
         self._send, self._version, self._hz = send, version, hz
         self._registry, self._write = registry, write
@@ -190,8 +190,7 @@ class RtdeSession:
             self._started = kind == PackageKind.START and self._outputs is not None
             self._reply(kind, bytes([kind == PackageKind.PAUSE or self._started]))
         elif kind == PackageKind.DATA and payload and payload[0] in self._inputs:
-            for name, value in self._inputs[payload[0]].unpack(payload[1:]):
-                self._write(name, value)
+            self._write(self._inputs[payload[0]].unpack(payload[1:]))
 
     def send_outputs(self, read: Callable[[str], Value]) -> None:
         """Send the outputs to the client, if it wants them now."""

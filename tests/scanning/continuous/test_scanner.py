@@ -11,7 +11,7 @@ from continuous_scans import HeardThrough, flange_speeds, passing_views, scan_co
 
 from tjscan.core.errors import ArmFault, LaserFault
 from tjscan.laser.profile import Profile
-from tjscan.scanning.journal import ScanEvent, StopReason
+from tjscan.scanning.journal import ScanEvent, StopReason, reason_to_stop
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.stopping import StopRequest
 
@@ -121,3 +121,16 @@ def test_a_stop_now_leaves_what_was_measured() -> None:
     assert type(raised.value).__name__ == "ScanInterrupted"
     assert len(notes.sections) == 21
     assert isinstance(notes.views[-1], ProfileView)
+
+
+def test_a_groove_that_closes_ends_the_scan_where_it_began(monkeypatch: pytest.MonkeyPatch) -> None:
+    def closes(plan: object, sections: list[ScannedSection], step: float) -> StopReason | None:
+        done = reason_to_stop(plan, sections, step)  # type: ignore[arg-type]
+        return StopReason.CLOSED if len(sections) > 30 else done
+
+    monkeypatch.setattr("tjscan.scanning.continuous.scanner.reason_to_stop", closes)
+    notes = Notes()
+    result = scan_continuously({"scan.length_mm": 300.0}, notes=notes)
+    assert result.stop is StopReason.CLOSED
+    assert len(result.sections) == 31
+    assert flange_speeds(passing_views(notes))[-3:].max() < AT_REST

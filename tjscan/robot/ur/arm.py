@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import NoneType
 from typing import Any, Final, Self
 
@@ -21,10 +22,12 @@ from tjscan.core import errors, pose_vector
 from tjscan.core.devices import DeviceBase, EventListener
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState, MotionLock
+from tjscan.robot.following import Following
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits, PathPlanner
 from tjscan.robot.ur import moving
 from tjscan.robot.ur.dashboard import DashboardClient, UrIdentity, read_ur_identity
+from tjscan.robot.ur.following import follow_paths
 from tjscan.robot.ur.kinematics_info import describe_kinematics_difference, read_kinematics_info
 from tjscan.robot.ur.messages import ControllerState, connection_fault, fault_from_state
 from tjscan.robot.ur.session import ClientLibraryError, ControllerSession, not_ready_fault
@@ -89,14 +92,20 @@ def _begin_session(session: ControllerSession, kinematics: Kinematics) -> None:
     host, limit = session.settings.host, session.settings.connect_limit
     try:
         session.ask_client(NoneType, "connect", host, limit=limit)
-        _await_control_script(session)
-        session.call_client_method(bool, "start_watchdog")
-        _set_tcp(session)
-        _set_payload(session)
+        _set_up_control_script(session)
         _check_arm_model(session, kinematics)
     except ClientLibraryError as failed:
         words = str(failed)
         raise not_ready_fault(session.dashboard) or connection_fault(host, words) from None
+
+
+def _set_up_control_script(session: ControllerSession) -> None:
+    _await_control_script(session)
+    for late in _polls_until_limit(session.latch):  # commands wait for a link of their own
+        if session.call_client_method(bool, "start_watchdog") or late:
+            break
+    _set_tcp(session)
+    _set_payload(session)
 
 
 def _polls_until_limit(latch: MotionLock) -> Iterator[bool]:
@@ -291,6 +300,18 @@ class UrArm(DeviceBase):
         session = self._connected_session
         with self._latch.hold_for_move():
             moving.run_program(session, program, started)
+
+    @contextmanager
+    def follow(self) -> Iterator[Following]:
+        """Follow paths that grow. See `FollowingArm.follow`."""
+        session = self._connected_session
+        with self._latch.hold_for_move():
+            try:
+                with follow_paths(session) as following:
+                    yield following
+            finally:
+                if session.fault is None:
+                    _set_up_control_script(session)
 
     def stop(self) -> None:
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""

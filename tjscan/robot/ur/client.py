@@ -16,8 +16,10 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
+from tjscan.core.frames import Array
 from tjscan.core.process import ClientAnswer, ClientMethodCall
 from tjscan.core.signals import ignore_ctrl_c
+from tjscan.robot.ur.knot_link import KnotLink, PathReport, knot_packages
 from tjscan.robot.ur.messages import NOT_SUPERVISED, WATCHDOG_PERIOD, ControllerState, SixNumbers
 
 RTDE_HZ: Final = 125.0
@@ -44,6 +46,9 @@ SAFETY_STOP_DECELERATION: Final = 2.0
 
 UNSUPERVISED_MOVE_LIMIT: Final = WATCHDOG_PERIOD
 """Seconds for which a move may go unfollowed: as long as the controller waits for this process."""
+
+PROGRAM_END_LIMIT: Final = 2.0
+"""Seconds within which the library's link shows that a program has ended."""
 
 SILENCE_MEMORY: Final = 10.0
 """Seconds for which a silence is remembered: longer than its consequences take to be seen."""
@@ -86,6 +91,7 @@ class RtdeClient:
         self._fed = self._followed = self._clock = 0.0
         self._sent = self._received = LongestSilence(time.monotonic())
         self._before: int | None = None  # the operation before the move that is to be followed
+        self._knots: KnotLink | None = None
 
     def connect(self, host: str) -> None:
         """Connect to the controller, and start the control script."""
@@ -185,6 +191,37 @@ class RtdeClient:
         self._watched = self._foreign = True
         self._sent = LongestSilence(time.monotonic())
 
+    def begin_following(self, host: str) -> None:
+        """Open a link to the program that follows knots, before it runs."""
+        self._knots = KnotLink(host)
+
+    def send_knots(self, epoch: int, times: Array, q: Array, speed: Array, first: int) -> None:
+        """Send an epoch of knots, see `knot_packages`."""
+        self._knot_link.send(knot_packages(epoch, times, q, speed, first))
+
+    def report_path(self) -> PathReport:
+        """What came of the path since the last report."""
+        return self._knot_link.report()
+
+    def stop_following(self) -> None:
+        """Let the arm come to rest on its path; that program ends then."""
+        self._knot_link.stop()
+
+    def end_following(self) -> bool:
+        """Close the link to that program, and start the control script again."""
+        self._knot_link.close()
+        self._watched = self._foreign = False
+        until = time.monotonic() + PROGRAM_END_LIMIT
+        while not (begun := bool(self._control.reuploadScript())) and time.monotonic() < until:
+            time.sleep(1 / RTDE_HZ)  # it is late to see that the other program has ended
+        return begun
+
+    @property
+    def _knot_link(self) -> KnotLink:
+        if self._knots is None:
+            raise ValueError("no path is followed")
+        return self._knots
+
     def feed_watchdog(self) -> None:
         """Feed the controller's watchdog, if it is time to."""
         if self._watched and time.monotonic() - self._fed >= WATCHDOG_FEED_INTERVAL:
@@ -211,6 +248,8 @@ class RtdeClient:
     def stop_arm_and_script(self) -> None:
         """Stop the arm and end the control script: the arm is not supervised."""
         self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
+        if self._knots is not None:
+            self._knots.close()  # and a path is followed to its end, which is at rest
         if self._control is not None:
             self._control.stopJ(SAFETY_STOP_DECELERATION)
             self._control.stopScript()

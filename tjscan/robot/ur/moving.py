@@ -305,13 +305,8 @@ def run_program(
     session.ensure_dashboard_answers()
     session.read_state()
     try:
-        with session.latch.begin_move_unless_stopped():
-            session.call_client_method(NoneType, "stop_control_script")
-            _await_program_state(session, runs=False)
-            head, _, rest = program.script.partition("\n")
-            _send_script(session, "\n".join((head, WATCHDOG_STATEMENT, rest)))
-        _await_program_state(session, runs=True)
-        session.call_client_method(NoneType, "feed_foreign_watchdog")
+        head, _, rest = program.script.partition("\n")
+        start_program(session, "\n".join((head, WATCHDOG_STATEMENT, rest)))
         started()
         while program.goes_on(session.read_state(beside_program=True)):
             if session.latch.wait_for_stop(PROGRAM_POLL_PERIOD):
@@ -329,6 +324,16 @@ def run_program(
         raise
 
 
+def start_program(session: ControllerSession, script: str) -> None:
+    """Start a program in place of the control script; raises as `run_program` does."""
+    with session.latch.begin_move_unless_stopped():
+        session.call_client_method(NoneType, "stop_control_script")
+        await_program_state(session, runs=False)
+        _send_script(session, script)
+    await_program_state(session, runs=True)
+    session.call_client_method(NoneType, "feed_foreign_watchdog")
+
+
 def _send_script(session: ControllerSession, script: str) -> None:
     host = session.settings.host
     try:
@@ -344,7 +349,7 @@ def _send_script(session: ControllerSession, script: str) -> None:
         ) from None
 
 
-def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
+def await_program_state(session: ControllerSession, *, runs: bool) -> None:
     """Wait until a program runs, or holds already, or none does."""
     limit, begun = time.monotonic() + MOVE_START_LIMIT, (PROGRAM_PLAYING, *PROGRAM_WAITING)
     while (session.read_state(beside_program=True).runtime_state in begun) != runs:

@@ -23,7 +23,13 @@ from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 
-EVENTS_WITHOUT_WARNING: Final = (ScanEvent.STOP, ScanEvent.RESUMED, ScanEvent.PAUSED, "arm")
+EVENTS_WITHOUT_WARNING: Final = (
+    ScanEvent.STOP,
+    ScanEvent.RESUMED,
+    ScanEvent.PAUSED,
+    ScanEvent.CLOCK,
+    "arm",
+)
 """Events that are no warning."""
 
 EVENTS_COUNTED_IN_SUMMARY: Final = (ScanEvent.HALF_STEP,)

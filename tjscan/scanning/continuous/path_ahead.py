@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import ceil
 from typing import Final, Self
 
@@ -18,8 +19,11 @@ from tjscan.robot.path import LARGEST_JOINT_TURN, MotionLimits, linear_waypoints
 from tjscan.robot.time_optimal import LengthOverTime, PathTiming, joint_motion, path_through
 from tjscan.scanning.continuous.seam_ahead import SeamAhead
 
-PLANNING_TIME: Final = 0.15
+PLANNING_TIME: Final = 0.3
 """Seconds from the state that a path is planned for until the arm can be on it."""
+
+STARTING_TIME: Final = 0.35
+"""Seconds that a path from rest begins later, where the arm's clock goes on meanwhile."""
 
 KEPT_LENGTH: Final = 16e-3
 """Metres of the old path that the new one keeps beyond: a spline bends before it turns off."""
@@ -62,6 +66,14 @@ class FollowedPath:
         still = CubicSpline((length - SLOPE_LENGTH, length), (q, q))
         times = np.array((time - 1.0, time))
         return cls(still, LengthOverTime(times, np.full(2, length), np.zeros(2)))
+
+    def begun_from_rest(self, now: float) -> Self:
+        """The same, but later if the arm took its time until it could follow."""
+        late = now + PLANNING_TIME - self.gone.times[0]
+        if late <= 0.0:
+            return self
+        gone = replace(self.gone, times=self.gone.times + late + STARTING_TIME)
+        return replace(self, gone=gone)
 
     @property
     def leads_on(self) -> bool:
@@ -198,13 +210,7 @@ class PathAhead:
         return FollowedPath(spline, gone)
 
     def shorten(self, path: FollowedPath, now: float) -> FollowedPath:
-        """The same path, ending as soon as the arm can rest on it.
-
-        Raises
-        ------
-        PathNotExtended
-            If it can't any sooner.
-        """
+        """Let a path end as soon as the arm can rest on it; gives itself if it can't any sooner."""
         start = now + PLANNING_TIME
         leave, speed = path.gone.at(start)
         for end in np.arange(leave + 2 * KNOT_SPACING, path.length - KNOT_SPACING, KNOT_SPACING):
@@ -213,7 +219,7 @@ class PathAhead:
             gone = self._timing.fastest(spline, speed, start)
             if gone is not None:
                 return FollowedPath(spline, gone)
-        raise PathNotExtended("the arm rests as soon as it can")
+        return path
 
     def shuttle(self, q: Array, time: float) -> FollowedPath:
         """A path from rest to and fro across the groove, in the laser plane, and back.

@@ -44,6 +44,9 @@ SETTLING_TIME: Final = 0.3
 FEWEST_SECTIONS_TO_PLAN: Final = 3
 """Sections, `PLANNING_SPACING` apart, to which a seam is fitted before the path is led along it."""
 
+CLOSING_SPACINGS: Final = 1.5
+"""Spacings of sections within which the groove is back at the first one."""
+
 FEWEST_SHUTTLE_SECTIONS: Final = 30
 """Sections read in a shuttle from which the laser's clock is laid on the arm's."""
 
@@ -95,15 +98,17 @@ class ContinuousScanner(Scanner):
         self._arm, laser = devices_that_follow(setup.arm, setup.laser)
         p_s_t = np.array((plan.offset, 0.0, plan.standoff))
         self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
+        self._T_b_f_second = T_b_f_second
         self._second_point = self._planner.groove_point(T_b_f_second)
         self._poses, self._clock = ActualPoses(kinematics), LaserClock()
         self._stream = PlacedProfiles(laser, self._poses, ProfileRepeats())
         self._fuser = ProfileFuser(plan.section_spacing, p_s_t)
         self._along_b = np.zeros(3)
+        self._path_before: FollowedPath
         # Lengths along the groove: of the last section, of the one that a path was planned from
         # last, and of the second taught pose.
         self._length = self._planned_length = self._second_length = 0.0
-        self._passed_second = False
+        self._passed_second = self._closed = False
         self._why_not_on = ""
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
@@ -141,8 +146,9 @@ class ContinuousScanner(Scanner):
                 return ended
             why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
             sections = self._log.sections
-            if len(planning_sections(sections)) == 1:  # the arm rests at the second taught pose
-                self._scan_taught("second", self._setup.arm.state())
+            if len(planning_sections(sections)) == 1:  # the arm rests at the second taught pose,
+                # or before it, if its controller did not take the path there
+                self._scan_taught("second", self._taker.move_joint_to_pose(self._T_b_f_second))
                 length = self._second_length
             elif self._length > reached:
                 self._log.record_event(ScanEvent.RETREAT, why)
@@ -167,27 +173,30 @@ class ContinuousScanner(Scanner):
 
     def _follow(self, path: FollowedPath) -> None:
         """Follow a path, leading it on along the groove, until the arm rests at its end."""
+        rests, self._path_before = False, path
         with self._arm.follow() as following:
             if path.leads_on:
+                path = path.begun_from_rest(self._setup.arm.state().time)
                 following.replace(path.motion)
             for placed in self._stream.placed(following, self._clock):
                 self._stop.raise_if_stop_now()
                 for state, profile in placed:
                     self._take(state, profile)
-                if self._stop.asks_for_rest:
-                    path = self._lead_to_rest(following, path)
+                if self._stop.asks_for_rest or self._closed:
+                    if not rests:
+                        path, rests = self._lead_to_rest(following, path)
                 elif self._length >= self._planned_length + PLANNING_SPACING:
                     self._planned_length = self._length
                     path = self._lead_on(following, path)
                 # A laser that is silent is waited for.
-                if placed and placed[-1][0].time > path.end + SETTLING_TIME:
+                if self._stream.heard > path.end + SETTLING_TIME:
                     return
 
     def _take(self, state: ArmState, profile: Profile) -> None:
         """Record a profile that was taken in passing, and read the sections it completes."""
         view = self._record_view(state, profile)
         for length, fused in self._fuser.add(view, self._along_b):
-            if length > self._end_length:
+            if length > self._end_length or self._closed:
                 return
             try:
                 self._read(length, replace(fused, index=len(self._log.sections)))
@@ -233,6 +242,9 @@ class ContinuousScanner(Scanner):
             sections_before.check_measures_plausible(section, ahead)
         self._finish_section(section)
         self._length = length
+        around = replace(self._plan, length=None)
+        closed = reason_to_stop(around, finished, CLOSING_SPACINGS * self._plan.section_spacing)
+        self._closed = closed is not None
 
     def _lead_on(self, following: Following, path: FollowedPath) -> FollowedPath:
         """Lead the path on along the seam that the sections show, if it can be."""
@@ -247,17 +259,20 @@ class ContinuousScanner(Scanner):
             following.replace(new.motion)
         except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathNotExtended) as error:
             self._why_not_on = str(error)
-            return path
+            # A controller that refused the last path follows the one before.
+            return min((path, self._path_before), key=lambda one: abs(one.end - following.end))
+        self._path_before = path
         return new
 
-    def _lead_to_rest(self, following: Following, path: FollowedPath) -> FollowedPath:
-        """Let the path end as soon as the arm can rest on it."""
+    def _lead_to_rest(self, following: Following, path: FollowedPath) -> tuple[FollowedPath, bool]:
+        """Let the path end as soon as the arm can rest on it; whether it does."""
         try:
             new = self._planner.shorten(path, self._poses.latest)
-            following.replace(new.motion)
+            if new is not path:
+                following.replace(new.motion)
         except (errors.PoseUnreachable, errors.PathNotExtended):
-            return path
-        return new
+            return path, False
+        return new, True
 
     @property
     def _length_gone(self) -> float:
@@ -270,11 +285,10 @@ class ContinuousScanner(Scanner):
         return np.inf if length is None else self._second_length + length
 
     def _reason_to_stop(self) -> StopReason | None:
-        """Reason why the scan is done, see `reason_to_stop`."""
+        """Reason why the scan is done."""
         if self._length > self._end_length - self._plan.section_spacing:
             return StopReason.LENGTH
-        whole = replace(self._plan, length=None)
-        return reason_to_stop(whole, self._log.sections, self._plan.section_spacing)
+        return StopReason.CLOSED if self._closed else None
 
     def _lay_clock(self, state: ArmState) -> None:
         """Move the laser to and fro across the groove, and lay its clock on the arm's.
@@ -287,6 +301,7 @@ class ContinuousScanner(Scanner):
         profiles, seen = [], []
         path = self._planner.shuttle(state.q, state.time)
         with self._arm.follow() as following:
+            path = path.begun_from_rest(self._setup.arm.state().time)
             following.replace(path.motion)
             for profile in self._stream.profiles(following):
                 self._stop.raise_if_stop_now()

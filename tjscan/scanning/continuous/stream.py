@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final
 
+import numpy as np
+
 from tjscan.core.errors import ConfigurationError, LaserFault
 from tjscan.laser.line_laser import LineLaser, StreamingLaser
 from tjscan.laser.profile import Profile, ProfileRepeats
@@ -52,10 +54,16 @@ class PlacedProfiles:
         Learns the arm's states.
     repeats : ProfileRepeats
         Knows the profiles that came before: one that comes again was not taken now.
+
+    Attributes
+    ----------
+    heard : float
+        When the laser was heard last, seconds on the arm's clock.
     """
 
     def __init__(self, laser: StreamingLaser, poses: ActualPoses, repeats: ProfileRepeats) -> None:
         self._laser, self._poses, self._repeats = laser, poses, repeats
+        self.heard = np.inf
 
     def profiles(self, following: Following) -> Iterator[Profile | None]:
         """Profiles as they arrive, None where one is missing or came before; never ends.
@@ -67,18 +75,16 @@ class PlacedProfiles:
         ArmFault
             If the arm stopped.
         """
-        heard: float | None = None
+        self.heard = np.inf
         for profile in self._laser.stream(PROFILE_PERIOD):
             self._poses.add(following.states())
             latest = self._poses.latest
-            heard = latest if heard is None else heard
-            if profile is not None and not self._repeats.is_repeat(profile):
-                heard = latest
-                yield profile
-                continue
-            if latest - heard > LONGEST_SILENCE:
-                raise LaserFault(f"no profile came for {latest - heard:.0f} s")
-            yield None
+            if profile is not None or self.heard > latest:
+                self.heard = latest
+            if latest - self.heard > LONGEST_SILENCE:
+                raise LaserFault(f"no profile came for {latest - self.heard:.0f} s")
+            is_new = profile is not None and not self._repeats.is_repeat(profile)
+            yield profile if is_new else None
 
     def placed(
         self, following: Following, clock: LaserClock

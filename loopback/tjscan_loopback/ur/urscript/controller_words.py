@@ -60,7 +60,7 @@ class ControllerWords:
                 lambda i: host.output_double[_index(i, host.output_double)]
             ),
             "get_actual_joint_positions": lambda: numbers(host.q),
-            "get_target_joint_positions": lambda: numbers(host.q),
+            "get_target_joint_positions": lambda: numbers(host.target),
             "get_actual_joint_speeds": lambda: numbers(host.speed),
             "get_target_joint_speeds": lambda: numbers(host.speed),
             "get_actual_tcp_pose": lambda: pose_of_matrix(self._tool),

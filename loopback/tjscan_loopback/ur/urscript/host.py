@@ -31,6 +31,7 @@ class ScriptHost(Protocol):
     analog_outputs: list[float]
     patience: float
     refusing: bool
+    speed_fraction: float
 
     @property
     def tick(self) -> float:
@@ -57,6 +58,15 @@ class ScriptHost(Protocol):
 
     def drive(self, speeds: SpeedDrive) -> None:
         """Let the joints turn with a speed that each tick asks for, until another command."""
+        ...
+
+    def servo(self, speeds: SpeedDrive, target: Array) -> None:
+        """Drive the joints towards a target, which the controller shows as such."""
+        ...
+
+    @property
+    def target(self) -> Array:
+        """Joint angles that were commanded."""
         ...
 
     def let_go(self) -> None:

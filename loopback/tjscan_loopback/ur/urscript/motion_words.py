@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import sqrt
@@ -37,6 +38,44 @@ SPEED_TOLERANCE: Final = 1e-6
 """m/s or rad/s between a speed that is asked for and one that is."""
 
 
+SERVO_GAIN: Final = 300
+"""The gain of servoing that is usual."""
+
+SERVO_DEAD_TIME: Final = 0.005
+"""Seconds until the joints learn of a target, an assumption."""
+
+SUDDEN_STOP: Final = 60.0
+"""rad/s² of a joint that the safety system takes for a collision, an assumption."""
+
+SAME_ANGLE: Final = 1e-9
+"""Radians: joints that turned further were moved otherwise meanwhile."""
+
+
+class Servo:
+    """Servoing: a dead time, then two equal lags in a row.
+
+    Parameters
+    ----------
+    q : ndarray, shape (6,)
+        Where it begins, at rest, in radians.
+    dead_ticks : int
+        Ticks until a target has an effect.
+    """
+
+    def __init__(self, q: Array, dead_ticks: int) -> None:
+        self.q, self._smoothed, self.speed = q, q, np.zeros_like(q)
+        self._goals = deque([q] * dead_ticks, maxlen=dead_ticks + 1)
+
+    def advance(self, goal: Array, lag: float, dt: float) -> float:
+        """Go on for some seconds; returns the largest acceleration of a joint, rad/s²."""
+        self._goals.append(goal)
+        share = -np.expm1(-2 * dt / lag)
+        self._smoothed = self._smoothed + share * (self._goals[0] - self._smoothed)
+        step = share * (self._smoothed - self.q)
+        self.q, before, self.speed = self.q + step, self.speed, step / dt
+        return float(np.abs(self.speed - before).max() / dt)
+
+
 class MotionWords:
     """The words that move the arm of a controller.
 
@@ -54,6 +93,7 @@ class MotionWords:
         self._target = self._tool
         self._corner: Array | None = None  # of the blend that the arm is about to pass
         self._radius = 0.0
+        self._servo: Servo | None = None
 
     def words(self) -> dict[str, Callable[..., Any]]:
         """Words by name."""
@@ -148,15 +188,27 @@ class MotionWords:
         lookahead_time: Any = 0.1,
         gain: Any = 300,
     ) -> Iterator[None]:
-        """Follow joint angles that are commanded again and again."""
+        """Follow joint angles that are commanded again and again, with dead time and lag.
+
+        The lag is the look-ahead time at a gain of 300, less at a higher one: an assumption.
+        """
         goal, lookahead = six(q, "q"), _rate(lookahead_time, "lookahead_time")
-        finite(gain, "gain"), finite(a, "a"), finite(v, "v")
-        fastest = self._host.kinematics.velocity
+        lag = lookahead * SERVO_GAIN / _rate(gain, "gain")
+        finite(a, "a"), finite(v, "v")
+        host, fastest = self._host, self._host.kinematics.velocity
+        servo = self._servo
+        if servo is None or np.abs(servo.q - host.q).max() > SAME_ANGLE:
+            servo = Servo(host.q, round(SERVO_DEAD_TIME / host.tick))
 
         def speeds(dt: float, q: Array, now: Array) -> Array:
-            return np.clip((goal - q) / max(lookahead, dt), -fastest, fastest)
+            if servo.advance(goal, lag, dt) > SUDDEN_STOP:
+                host.protective_stop("C204A3: sudden stop")
+            return np.clip(servo.speed, -fastest, fastest)
 
-        yield from self._drive(speeds, max(_time(t), self._host.tick), None)
+        self._owner, self._corner = self._thread(), None
+        host.servo(speeds, goal)
+        yield from self._wait(max(_time(t), host.tick), None)
+        self._servo = servo
 
     def servoc(self, target: Any, a: Any = 1.2, v: Any = 0.25, r: Any = 0) -> Iterator[None]:
         """Follow poses that are commanded again and again, on straight lines."""
@@ -246,10 +298,14 @@ class MotionWords:
         """Drive the joints for a time, or where that is zero until a speed is reached."""
         self._owner, self._corner = self._thread(), None
         self._host.drive(speeds)
+        yield from self._wait(time, away)
+
+    def _wait(self, time: float, away: Callable[[], Array] | None) -> Iterator[None]:
+        """Wait for a time, which the speed slider stretches, or until a speed is reached."""
         passed = 0.0
         while True:
             yield
-            passed += self._host.tick
+            passed += self._host.tick * self._host.speed_fraction
             is_over = time > 0 and passed >= time - 1e-9
             if is_over or (
                 time == 0 and away is not None and np.abs(away()).max() < SPEED_TOLERANCE

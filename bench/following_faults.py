@@ -1,0 +1,193 @@
+"""Faults at random moments of continuous scans over the loopback controller.
+
+Whatever comes, the arm stays on the paths that were checked, and the recording reads.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import cycle, islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Timer
+from time import sleep
+from typing import Any, Final
+
+import numpy as np
+from _table import Row, main
+
+from tjscan.core.errors import ArmFault, TjscanError
+from tjscan.core.frames import Array
+from tjscan.job.files import read_scan_job
+from tjscan.robot.arm import ArmState
+from tjscan.robot.following import Following, JointMotion
+from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.dashboard import DashboardClient
+from tjscan.robot.ur.following import UrFollowing
+from tjscan.runs.scan.run import ScanContext, run_scan
+from tjscan.scanning.recording import read_recorded_scan
+from tjscan_loopback.process import UrLoopbackProcess
+from tjscan_loopback.ur.faults import InjectedFault
+
+PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
+HOST: Final = "127.0.0.6"
+ENDING: Final = (
+    *(InjectedFault.PROTECTIVE_STOP, InjectedFault.EMERGENCY_STOP, InjectedFault.POWER_OFF),
+    *(InjectedFault.LOCAL_MODE, InjectedFault.DROP_LINK, InjectedFault.FREEZE),
+    InjectedFault.STOP_PROGRAM,
+)
+"""Faults that end a scan."""
+
+PASSING: Final = (
+    *(InjectedFault.LOSE_PACKETS, InjectedFault.LATE_PACKETS, InjectedFault.DOUBLE_PACKETS),
+    *(InjectedFault.REORDER_PACKETS, InjectedFault.FREEZE_REGISTERS),
+    *(InjectedFault.SLIDER_HALF, InjectedFault.SLIDER_ZERO),
+)
+"""Faults that pass, and the scan goes on."""
+
+FAULT_DURATION: Final = 1.0
+"""Seconds until they do."""
+
+FAULTS: Final = 42
+LONGEST_WAIT: Final = 6.0
+"""Seconds after the arm begins to follow within which the fault comes."""
+
+ON_PATH: Final = 1e-3
+"""Radians by which an arm that lags behind cuts the corners of its path."""
+
+SCAN_KEYS: Final[dict[str, Any]] = {
+    "scan.mode": "continuous",
+    "scan.length_mm": 60.0,
+    "arm.driver": "ur",
+    "arm.ur": {"host": HOST},
+}
+
+
+class Watch:
+    """Watches an arm that follows: the paths it was given, where it was, and where it ended."""
+
+    def __init__(self) -> None:
+        self.paths: list[JointMotion] = []
+        self.seen: list[Array] = []
+        self.begun = self.ended_on_path = False
+        self.timers: list[Timer] = []
+
+    def farthest(self, q: list[Array]) -> float:
+        """Largest distance of joint angles from the paths, radians."""
+        fine = [path.at(np.arange(path.times[0], path.end + 2e-3, 2e-3))[0] for path in self.paths]
+        points = np.concatenate(fine)
+        return max((float(np.abs(points - one).max(axis=1).min()) for one in q), default=0.0)
+
+    @contextmanager
+    def over(self) -> Iterator[None]:
+        """Watch every arm that follows while the block runs."""
+        follow, replace, states = UrArm.follow, UrFollowing.replace, UrFollowing.states
+
+        @contextmanager
+        def watched_follow(arm: UrArm) -> Iterator[Following]:
+            self.ended_on_path = True
+            with follow(arm) as following:
+                self.paths.append(JointMotion.at_rest(arm.state().q, 0.0))
+                if not self.begun:
+                    self.begun = True
+                    for timer in self.timers:
+                        timer.start()
+                yield following
+            self.ended_on_path = False  # and it moves otherwise from here
+
+        def watched_replace(following: UrFollowing, motion: JointMotion) -> None:
+            self.paths.append(motion)
+            replace(following, motion)
+
+        def watched_states(following: UrFollowing) -> Sequence[ArmState]:
+            found = states(following)
+            self.seen += [state.q for state in found[::10]]
+            return found
+
+        UrArm.follow = watched_follow  # type: ignore[method-assign, assignment]
+        UrFollowing.replace = watched_replace  # type: ignore[method-assign, assignment]
+        UrFollowing.states = watched_states  # type: ignore[method-assign, assignment]
+        try:
+            yield
+        finally:
+            UrArm.follow = follow  # type: ignore[method-assign]
+            UrFollowing.replace = replace  # type: ignore[method-assign]
+            UrFollowing.states = states  # type: ignore[method-assign]
+
+
+def await_end_of_program(loopback: UrLoopbackProcess) -> None:
+    """Let the controller go on, until its program has ended."""
+    loopback.schedule_fault("clear")
+    dashboard = DashboardClient(HOST)
+    while dashboard.ask_dashboard_value("running") != "false":
+        sleep(0.05)
+    dashboard.close()
+
+
+def joint_angles() -> Array:
+    """Joint angles that another client sees."""
+    from rtde_receive import RTDEReceiveInterface
+
+    link = RTDEReceiveInterface(HOST, 125.0, ["actual_q"])
+    try:
+        sleep(0.1)
+        return np.array(link.getActualQ())
+    finally:
+        link.disconnect()
+
+
+def try_fault(
+    loopback: UrLoopbackProcess, fault: InjectedFault, seconds: float
+) -> tuple[float, bool, bool]:
+    """Scan with a fault: radians off the paths; whether it ends as it should; and records."""
+    await_end_of_program(loopback)
+    loopback.schedule_fault("home")
+    watch = Watch()
+    watch.timers = [Timer(seconds, loopback.schedule_fault, [str(fault)])]
+    if fault in PASSING:
+        watch.timers.append(Timer(seconds + FAULT_DURATION, loopback.schedule_fault, ["clear"]))
+    job, ended = read_scan_job(PAPER, SCAN_KEYS), "done"
+    with TemporaryDirectory() as folder, watch.over():
+        run = Path(folder) / "run"
+        try:
+            run_scan(ScanContext(job, PAPER), run)
+        except TjscanError as error:
+            ended = f"{type(error).__name__}: {error}"
+            # Registers frozen for as long as the program waits for a sign of life may end it, too.
+            ends = fault in ENDING or fault is InjectedFault.FREEZE_REGISTERS
+            expected = isinstance(error, ArmFault) and ends
+        else:
+            expected = True  # it passed, or came after the scan
+        for timer in watch.timers:
+            timer.cancel()
+        await_end_of_program(loopback)
+        views = len(read_recorded_scan(run).views)
+    end = [joint_angles()] if watch.ended_on_path else []
+    off = watch.farthest(watch.seen + end)
+    print(
+        f"{fault} after {seconds:.2f} s: {ended[:90]}; {1e3 * off:.3f} mrad off, {views} views",
+        file=sys.stderr,
+    )
+    return off, expected, views > 0
+
+
+def measure() -> Iterator[Row]:
+    """Measure every bar."""
+    random = np.random.default_rng()
+    with UrLoopbackProcess(HOST, "--hz", "500", "--fast", "--clock", "700", "70") as loopback:
+        found = [
+            try_fault(loopback, fault, random.uniform(0.0, LONGEST_WAIT))
+            for fault in islice(cycle(ENDING + PASSING), FAULTS)
+        ]
+    offs, ends, recorded = np.array(found).T
+    name = f"{FAULTS} faults in continuous scans"
+    yield Row(f"{name}: off the checked path", float((offs > ON_PATH).sum()), 0)
+    yield Row(f"{name}: farthest beside it, through lag", 1e3 * offs.max(), 1e3 * ON_PATH, "mrad")
+    yield Row(f"{name}: ended as they should", ends.sum(), FAULTS, "", FAULTS)
+    yield Row(f"{name}: recordings that read", recorded.sum(), FAULTS, "", FAULTS)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main("Faults while following", measure, sys.argv[1:]))
