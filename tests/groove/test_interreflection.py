@@ -7,11 +7,10 @@ import pytest
 from grooves import MM, Groove, Noise, pulled_in, raised_cosine, seen
 
 from tjscan.core.frames import Array
-from tjscan.groove.prior import TRIED_NOTCH_PULLS
 from tjscan.groove.read import order_points
 from tjscan.groove.search import find_supported_fits
 from tjscan.groove.settings import DEFAULT_SETTINGS
-from tjscan.groove.shape import PULL_WEIGHTS, NotchPull, find_pull
+from tjscan.groove.shape import NotchPull, find_pull
 from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile
 
@@ -53,12 +52,6 @@ def test_corners_lie_where_their_rays_meet_the_flanks(
         own = fitted.curves[side].position_along_chord(*GROOVE.corners[1 + i].tolist())
         true = sign * (own - fitted.places[-2 + i][i])
         assert abs(pull.inward[i] - true) < max(0.27 * true, 0.1 * MM)
-
-
-def test_no_pull_is_likelier_than_another_however_densely_they_are_tried() -> None:
-    of_slowest_decay = PULL_WEIGHTS[1:-1, -1]
-    nearest = 0.5 * (TRIED_NOTCH_PULLS[2:] - TRIED_NOTCH_PULLS[:-2])
-    np.testing.assert_allclose(of_slowest_decay, nearest)
 
 
 @pytest.mark.parametrize("seed", range(6))
