@@ -31,7 +31,7 @@ LATEST_ARRIVAL: Final = 0.5
 """Seconds that a profile may be there before or after its usual delay: beyond them its stamp is
 wrong."""
 
-PUNCTUAL: Final = 5e-3
+USUAL_DELAY_SPAN: Final = 5e-3
 """Seconds by which a profile may be later than usual and still tell of the clocks' drift."""
 
 ARRIVAL_BLOCK: Final = 0.5
@@ -191,7 +191,7 @@ class LaserClock:
                 "arrival should be. See that nothing sets the laser's clock while it measures"
             )
         self._last = stamp
-        if abs(late) < PUNCTUAL:
+        if abs(late) < USUAL_DELAY_SPAN:
             self._block.append((stamp - self.since, arrival - stamp - self.offset))
             if self._block[-1][0] - self._block[0][0] >= ARRIVAL_BLOCK:
                 t, y = np.median(self._block, axis=0).tolist()
