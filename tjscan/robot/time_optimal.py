@@ -7,21 +7,25 @@ Based on Reachability Analysis, IEEE Trans. Robotics 34(3), by their library.
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Sequence
 from math import ceil
 from typing import Any, Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from toppra.algorithm import TOPPRA
-from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
-from toppra.constraint.linear_constraint import LinearConstraint
-from toppra.interpolator import AbstractGeometricPath
 
 from tjscan.core.frames import Array, array_dataclass
 from tjscan.robot.following import JointMotion
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
+
+with warnings.catch_warnings():  # of backslashes in its docstrings, where it is compiled first
+    warnings.simplefilter("ignore")
+    from toppra.algorithm import TOPPRA
+    from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+    from toppra.constraint.linear_constraint import LinearConstraint
+    from toppra.interpolator import AbstractGeometricPath
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
 

@@ -66,7 +66,7 @@ def _scan_in_words(job: ScanJob) -> str:
     if scan.sections is not None:
         until = f"{scan.sections} sections"
     return (
-        f"{scan.direction}, {until}, a section every {1e3 * scan.spacing:g} mm, pull angle "
+        f"{scan.direction}, {until}, steps of {1e3 * scan.spacing:g} mm, pull angle "
         f"{np.degrees(scan.pull_angle):g}°, stand-off {1e3 * scan.standoff:g} mm"
     )
 
