@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KERNEL_VERSION 6
+#define KERNEL_VERSION 7
 #define OUTLIER_SIGMAS 3.3
 #define LEAST_NOISE 4e-6
 #define SCALING_LENGTH 0.02
@@ -188,7 +188,8 @@ static int intersect_curves(const Curve *a, const Curve *b, double start, double
     const double along = rx * b->tx + rz * b->tz, away = rx * b->tz - rz * b->tx;
     const double cosine = a->tx * b->tx + a->tz * b->tz, sine = a->tx * b->tz - a->tz * b->tx;
     double s = start, dq = 0.0, dqb = 0.0;
-    for (int round = 0; round < 12; round++) {
+    int settled = 0;
+    for (int round = 0; round < 12 && !settled; round++) {
         const double q = curve_height(a, s), sb = along + s * cosine - q * sine;
         dq = curve_slope(a, s);
         const double qb = curve_height(b, sb);
@@ -197,9 +198,9 @@ static int intersect_curves(const Curve *a, const Curve *b, double start, double
         if (fabs(slope) < _PARALLEL_SINE) return 0;
         const double step = (away + s * sine + q * cosine - qb) / slope;
         s -= step;
-        if (fabs(step) < _SETTLED_NEWTON_STEP) break;
+        settled = fabs(step) < _SETTLED_NEWTON_STEP;
     }
-    if (!(fabs(s) < _FARTHEST_CORNER_DISTANCE) || fabs(dq) > STEEPEST_SLOPE || fabs(dqb) > STEEPEST_SLOPE)
+    if (!settled || !(fabs(s) < _FARTHEST_CORNER_DISTANCE) || fabs(dq) > STEEPEST_SLOPE || fabs(dqb) > STEEPEST_SLOPE)
         return 0;
     met[0] = s;
     met[1] = along + s * cosine - curve_height(a, s) * sine;

@@ -11,7 +11,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Final
 
-KERNEL_VERSION: Final = 6
+KERNEL_VERSION: Final = 7
 """Rises with every change of what the compiled loops take and give: sources that were updated may
 lie beside loops that were not built again."""
 

@@ -122,7 +122,7 @@ class CubicCurve(NamedTuple):
 def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float, float] | None:
     """Intersection of two curves: values of s on `a` and on `b`, by Newton's method from `start`.
 
-    None if they do not meet near enough to the start.
+    None if they do not meet near enough to the start, or touch so nearly that it does not settle.
     """
     rx, rz = a.cx - b.cx, a.cz - b.cz
     along, away = rx * b.tx + rz * b.tz, rx * b.tz - rz * b.tx
@@ -138,6 +138,8 @@ def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float,
         s -= step
         if abs(step) < _SETTLED_NEWTON_STEP:
             break
+    else:
+        return None
     if not abs(s) < _FARTHEST_CORNER_DISTANCE or max(abs(dq), abs(dqb)) > STEEPEST_SLOPE:
         return None
     q, _ = a.height_and_slope(s)
