@@ -165,7 +165,7 @@ def test_drift_is_found_from_when_profiles_arrive(drift: float) -> None:
         return float(0.002 * np.ceil((t + 0.02 + delay) / 0.002))
 
     usual = float(np.median([arrival(t) - t - 0.02 for t in np.arange(-2.0, 0.0, 0.005)]))
-    clock = LaserClock(0.02, 1e-4, since=0.0, delay=usual, state_period=0.002)
+    clock = LaserClock(0.02, 1e-4, since=0.0, delays=(usual, usual), state_period=0.002)
     for t in np.arange(0.0, 10.0, 0.005):
         stamp = t / (1 + drift)
         clock.notice_arrival(stamp, arrival(t))
@@ -235,7 +235,7 @@ def test_smoothing_takes_noise_away_and_leaves_a_parabola_and_a_jump() -> None:
 
 @pytest.mark.parametrize("leap", [-1.0, -0.1, 0.1, 100.0])
 def test_stamps_that_leap_are_refused(leap: float) -> None:
-    clock = LaserClock(0.02, 1e-4, since=0.0, delay=2e-3, state_period=0.002)
+    clock = LaserClock(0.02, 1e-4, since=0.0, delays=(2e-3, 2e-3), state_period=0.002)
     for t in np.arange(0.0, 1.0, 0.005):
         clock.notice_arrival(float(t), float(t) + 0.022)
     with pytest.raises(LaserFault, match="leaps"):
@@ -243,7 +243,7 @@ def test_stamps_that_leap_are_refused(leap: float) -> None:
 
 
 def test_profiles_that_arrive_late_do_not_bend_the_clock() -> None:
-    clock = LaserClock(0.02, 1e-4, since=0.0, delay=2e-3, state_period=0.002)
+    clock = LaserClock(0.02, 1e-4, since=0.0, delays=(2e-3, 2e-3), state_period=0.002)
     for t in np.arange(0.0, 8.0, 0.005):
         clock.notice_arrival(float(t), float(t) + 0.022 + (0.1 if t > 2.0 else 0.0))
         assert abs(clock.arm_time(float(t)) - (t + 0.02)) < 0.2e-3

@@ -27,9 +27,9 @@ LARGEST_DRIFT: Final = 3e-4
 """Of a clock's rate: no clock in order runs so much faster than another."""
 
 EARLIEST_ARRIVAL: Final = 0.02
-LATEST_ARRIVAL: Final = 0.5
-"""Seconds that a profile may be there before or after its usual delay: beyond them its stamp is
-wrong."""
+LATEST_ARRIVAL: Final = 1.0
+"""Seconds that a profile may be there before or after the quickest one would be: beyond them its
+stamp is wrong."""
 
 USUAL_DELAY_SPAN: Final = 5e-3
 """Seconds by which a profile may be later than usual and still tell of the clocks' drift."""
@@ -152,19 +152,25 @@ class LaserClock:
         By which the arm's clock is ahead at `since`, and its standard deviation, seconds.
     since : float
         Stamp of the offset, seconds.
-    delay : float
-        From exposure to arrival, as usual, seconds.
+    delays : tuple of float
+        From exposure to arrival, of the quickest profile and as usual, seconds.
     state_period : float
         Seconds from one state of the arm to the next.
     """
 
     def __init__(
-        self, offset: float, sigma: float, since: float, delay: float, state_period: float
+        self,
+        offset: float,
+        sigma: float,
+        since: float,
+        delays: tuple[float, float],
+        state_period: float,
     ) -> None:
         self.offset, self.sigma, self.since = offset, sigma, since
-        self._delay, self._drift, self._drift_sigma = delay, 0.0, DRIFT_SIGMA
+        self._quickest, self._usual = delays
+        self._drift, self._drift_sigma = 0.0, DRIFT_SIGMA
         self._variance = ARRIVAL_SIGMA**2 + state_period**2 / 12
-        self._arrivals: list[tuple[float, float]] = [(0.0, delay)]
+        self._arrivals: list[tuple[float, float]] = [(0.0, self._usual)]
         self._block: list[tuple[float, float]] = []
         self._last = -np.inf
 
@@ -184,14 +190,15 @@ class LaserClock:
         LaserFault
             If its stamp can't be true.
         """
-        late = arrival - self.arm_time(stamp) - self._delay
+        delay = arrival - self.arm_time(stamp)
+        late = delay - self._quickest
         if stamp <= self._last or not -EARLIEST_ARRIVAL < late < LATEST_ARRIVAL:
             raise LaserFault(
                 f"the laser's clock leaps: a profile's stamp is {1e3 * late:.0f} ms before its "
                 "arrival should be. See that nothing sets the laser's clock while it measures"
             )
         self._last = stamp
-        if abs(late) < USUAL_DELAY_SPAN:
+        if abs(delay - self._usual) < USUAL_DELAY_SPAN:
             self._block.append((stamp - self.since, arrival - stamp - self.offset))
             if self._block[-1][0] - self._block[0][0] >= ARRIVAL_BLOCK:
                 t, y = np.median(self._block, axis=0).tolist()

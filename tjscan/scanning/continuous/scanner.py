@@ -375,7 +375,11 @@ class ContinuousScanner(Scanner):
         offset, sigma = clock_offset(views, self._poses, self._setup.T_f_s, late)
         middle = seen[len(seen) // 2][0]
         self._clock = LaserClock(
-            offset, sigma, middle, float(np.median(arrivals)) - offset, self._poses.period
+            offset,
+            sigma,
+            middle,
+            (late - offset, float(np.median(arrivals)) - offset),
+            self._poses.period,
         )
         for profile in profiles:
             if self._poses.cover(time := self._clock.arm_time(profile.time)):
