@@ -192,10 +192,11 @@ class LaserClock:
         """
         delay = arrival - self.arm_time(stamp)
         late = delay - self._quickest
-        if stamp <= self._last or not -EARLIEST_ARRIVAL < late < LATEST_ARRIVAL:
+        if stamp < self._last or not -EARLIEST_ARRIVAL < late < LATEST_ARRIVAL:
             raise LaserFault(
-                f"the laser's clock leaps: a profile's stamp is {1e3 * late:.0f} ms before its "
-                "arrival should be. See that nothing sets the laser's clock while it measures"
+                f"the laser's clock leaps: a profile came {1e3 * late:.0f} ms later than its stamp "
+                f"lets expect, {1e3 * (stamp - self._last):.0f} ms after the one before. See that "
+                "nothing sets the laser's clock while it measures"
             )
         self._last = stamp
         if abs(delay - self._usual) < USUAL_DELAY_SPAN:

@@ -56,7 +56,7 @@ LONGEST_GAP: Final = 8e-3
 LEAST_STEP: Final = 5e-3
 """Metres of a step from rest."""
 
-FEWEST_SHUTTLE_SECTIONS: Final = 15
+FEWEST_SHUTTLE_SECTIONS: Final = 6
 """Sections read in each quarter of a shuttle from which the laser's clock is laid on the arm's."""
 
 
