@@ -66,7 +66,10 @@ class ActualPoses:
         """
         if time < self.first - self.period:
             age = self.latest - time
-            raise LaserFault(f"a profile is {age:.1f} s old: the arm's states then are not known")
+            raise LaserFault(
+                f"a profile is {age:.1f} s old, and where the arm was then is not known any more. "
+                "See that this computer keeps up, then go on with --resume"
+            )
         states = self._states
         i = len(states) - 1
         while i > 0 and states[i - 1].time >= time:

@@ -33,7 +33,7 @@ from tjscan.scanning.journal import (
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ProfileView, Sections, StepRequest, Substep
+from tjscan.scanning.section import ProfileView, StepRequest, Substep
 from tjscan.scanning.sections_before import PLANNING_SPACING, planning_sections
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
@@ -184,7 +184,7 @@ class ContinuousScanner(Scanner):
                 step = max(min(self._plan.step, self._end_length - self._length), LEAST_STEP)
                 if (ended := self._make_step(step)) is not None:
                     return ended
-                length = self._length + float(_chords(sections[-2:])[0])
+                length = self._length + groove_length(sections[-2:])
             path = self._standing(length)
             reached = length
 
@@ -389,9 +389,3 @@ class ContinuousScanner(Scanner):
             f"the arm's clock is {1e3 * offset:.2f} ± {1e3 * sigma:.2f} ms ahead of the laser's, "
             f"from {len(seen)} profiles of a shuttle across the groove",
         )
-
-
-def _chords(sections: Sections) -> Array:
-    """Distances from section to section, metres, one fewer than these."""
-    origins = np.array([section.T_b_g[:3, 3] for section in sections])
-    return np.asarray(np.linalg.norm(np.diff(origins, axis=0), axis=1))

@@ -82,7 +82,10 @@ class PlacedProfiles:
             if profile is not None or self.heard > latest:
                 self.heard = latest
             if latest - self.heard > LONGEST_SILENCE:
-                raise LaserFault(f"no profile came for {latest - self.heard:.0f} s")
+                raise LaserFault(
+                    f"no profile came for {latest - self.heard:.0f} s. See that the laser measures "
+                    "and its cable sits, then go on with --resume"
+                )
             is_new = profile is not None and not self._repeats.is_repeat(profile)
             yield profile if is_new else None
 
@@ -95,7 +98,10 @@ class PlacedProfiles:
             if profile is not None:
                 clock.notice_arrival(profile.time, self._poses.latest)
                 if len(pending) == MOST_PENDING:
-                    raise LaserFault("the laser's stamps are ahead of the arm's states")
+                    raise LaserFault(
+                        "the laser's stamps are a second ahead of the arm's states. See that "
+                        "nothing sets the laser's clock, then go on with --resume"
+                    )
                 pending.append(profile)
             ready = []
             while pending and self._poses.cover(time := clock.arm_time(pending[0].time)):
