@@ -160,6 +160,19 @@ def test_stamps_that_leap_end_the_scan_as_a_fault() -> None:
         scan_continuously({}, through=HeardThrough(leaps))
 
 
+def test_profiles_taken_before_the_arm_follows_are_left_out() -> None:
+    class Buffering(HeardThrough):
+        def stream(self, period: float) -> Iterator[Profile | None]:
+            for n, profile in enumerate(self.laser.stream(period)):
+                yield replace(profile, time=profile.time - 0.5) if n == 0 else profile
+
+    notes = Notes()
+    result = scan_continuously({}, notes=notes, through=Buffering(lambda n, profile: profile))
+    assert result.stop is StopReason.LENGTH
+    times = [view.time for view in notes.views if view.substep is Substep.PASSING]
+    assert np.diff(times).max() < 0.5  # nor is one taken for later
+
+
 def test_what_is_not_seen_on_the_way_is_gone_back_to() -> None:
     notes = Notes()
     silent = HeardThrough(lambda n, profile: None if 300 <= n < 380 else profile)

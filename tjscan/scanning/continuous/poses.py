@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
@@ -33,6 +32,10 @@ class ActualPoses:
         self._kinematics = kinematics
         self._states: deque[ArmState] = deque(maxlen=REMEMBERED_STATES)
 
+    def begin(self) -> None:
+        """Forget all states: between two paths followed the arm may move unseen."""
+        self._states.clear()
+
     def add(self, states: Iterable[ArmState]) -> None:
         """Take further states, in order."""
         self._states.extend(states)
@@ -53,23 +56,11 @@ class ActualPoses:
         return self._states[-1].time
 
     def cover(self, time: float) -> bool:
-        """Whether there is a state at a time or after it, in seconds on the arm's clock."""
-        return bool(self._states) and time <= self.latest
+        """Whether states lie about a time, or next to it, in seconds on the arm's clock."""
+        return self.first - self.period <= time <= self.latest
 
     def at(self, time: float) -> ArmState:
-        """State at a time that is covered: joint angles by a cubic through the states about it.
-
-        Raises
-        ------
-        LaserFault
-            If it is before the first state that is kept.
-        """
-        if time < self.first - self.period:
-            age = self.latest - time
-            raise LaserFault(
-                f"a profile is {age:.1f} s old, and where the arm was then is not known any more. "
-                "See that this computer keeps up, then go on with --resume"
-            )
+        """State at a time that is covered: joint angles by a cubic through the states about it."""
         states = self._states
         i = len(states) - 1
         while i > 0 and states[i - 1].time >= time:

@@ -76,6 +76,7 @@ class PlacedProfiles:
             If the arm stopped.
         """
         self.heard = np.inf
+        self._poses.begin()
         for profile in self._laser.stream(PROFILE_PERIOD):
             self._poses.add(following.states())
             latest = self._poses.latest
@@ -92,7 +93,10 @@ class PlacedProfiles:
     def placed(
         self, following: Following, clock: LaserClock
     ) -> Iterator[list[tuple[ArmState, Profile]]]:
-        """States and profiles, as soon as the arm's states cover them; never ends."""
+        """States and profiles, as soon as the arm's states cover them; never ends.
+
+        One that was taken before the arm began to follow is left out.
+        """
         pending: deque[Profile] = deque()
         for profile in self.profiles(following):
             if profile is not None:
@@ -104,6 +108,8 @@ class PlacedProfiles:
                     )
                 pending.append(profile)
             ready = []
-            while pending and self._poses.cover(time := clock.arm_time(pending[0].time)):
-                ready.append((self._poses.at(time), pending.popleft()))
+            while pending and (time := clock.arm_time(pending[0].time)) <= self._poses.latest:
+                profile = pending.popleft()
+                if self._poses.cover(time):
+                    ready.append((self._poses.at(time), profile))
             yield ready
