@@ -8,11 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells import CLOCKWISE, PAPER, Notes, example_corner_errors
-from continuous_scans import HeardThrough, flange_speeds, passing_views, scan_continuously
+from continuous_scans import SHORT, HeardThrough, flange_speeds, passing_views, scan_continuously
 
 from tjscan.core.errors import ArmFault, ConfigurationError, LaserFault
+from tjscan.job.cell import motion_limits_of_job
+from tjscan.job.files import read_scan_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
+from tjscan.robot.following import JointMotion
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.simulated_following import CONTROLLER_TICK, SimulatedFollowing
 from tjscan.scanning.journal import ScanEvent, StopReason, reason_to_stop
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.stopping import StopRequest
@@ -36,6 +41,36 @@ def test_the_groove_is_followed_without_a_stop_and_measured_every_2_mm(file: obj
     speeds = flange_speeds(passing_views(notes))
     moving = np.flatnonzero(speeds > AT_REST)
     assert (speeds[moving[0] : moving[-1]] > AT_REST).all()
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [{}, {"scan.speed_mm_s": 300.0}, {"arm.acceleration_mm_s2": 100.0}],
+    ids=["usual", "fast", "gentle"],
+)
+def test_no_set_point_of_the_arm_is_over_a_limit(
+    keys: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Finite differences of all motions at the controller's tick, over all new paths."""
+    replace_motion, motions = SimulatedFollowing.replace, {}
+
+    def watched(following: SimulatedFollowing, motion: JointMotion) -> None:
+        replace_motion(following, motion)
+        motions[following] = following._motion
+
+    monkeypatch.setattr(SimulatedFollowing, "replace", watched)
+    scan_continuously(keys | {"scan.length_mm": 250.0})
+    arm = Kinematics.load("ur10e")
+    limits = motion_limits_of_job(read_scan_job(PAPER, SHORT | keys))
+    for motion in motions.values():
+        q, _ = motion.at(np.arange(motion.times[0], motion.end, CONTROLLER_TICK))
+        points = np.array([arm.forward(one)[:3, 3] for one in q])
+        speed, moved = (np.diff(v, axis=0) / CONTROLLER_TICK for v in (q, points))
+        quick, pushed = (np.diff(v, axis=0) / CONTROLLER_TICK for v in (speed, moved))
+        assert (np.abs(speed) <= 1.02 * limits.joint_speed * arm.velocity).all()
+        assert np.abs(quick).max() <= 1.02 * limits.joint_acceleration
+        assert np.linalg.norm(moved, axis=1).max() <= 1.02 * limits.tcp_speed
+        assert np.linalg.norm(pushed, axis=1).max() <= 1.02 * limits.tcp_acceleration
 
 
 def test_every_profile_is_recorded_before_its_section() -> None:

@@ -16,7 +16,7 @@ from tjscan.core.pose_vector import pose_from_vector, pose_to_vector
 from tjscan.robot.following import JointMotion
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_JOINT_TURN, MotionLimits, linear_waypoints
-from tjscan.robot.time_optimal import LengthOverTime, PathTiming, joint_motion, path_through
+from tjscan.robot.time_optimal import LengthOverTime, PathTiming, joint_motion
 from tjscan.scanning.continuous.seam_ahead import SeamAhead
 
 PLANNING_TIME: Final = 0.3
@@ -25,8 +25,8 @@ PLANNING_TIME: Final = 0.3
 STARTING_TIME: Final = 0.35
 """Seconds that a path from rest begins later, where the arm's clock goes on meanwhile."""
 
-KEPT_LENGTH: Final = 16e-3
-"""Metres of the old path that the new one keeps beyond: a spline bends before it turns off."""
+KEPT_KNOTS: Final = 4
+"""Knots of the old path that the new one keeps beyond: a spline bends before it turns off."""
 
 KNOT_SPACING: Final = 4e-3
 """Metres between the joint angles that a path runs through."""
@@ -136,7 +136,7 @@ class PathAhead:
         waypoints, _ = linear_waypoints(self._kinematics, q, T_b_f)
         here, there = (self.groove_point(T) for T in (self._kinematics.forward(q), T_b_f))
         lengths = np.linspace(0.0, float(np.linalg.norm(there - here)), len(waypoints))
-        path = path_through(lengths, waypoints, None)
+        path = CubicSpline(lengths, waypoints)
         gone = self._timing.fastest(path, 0.0, time + PLANNING_TIME)
         if gone is None:
             raise PoseUnreachable("no motion within the arm's limits leads there", T_b_f)
@@ -163,16 +163,16 @@ class PathAhead:
         Returns
         -------
         FollowedPath
-            It begins on the old one.
+            It begins at a knot of the old one, and goes through the next ones of it.
 
         Raises
         ------
         PathNotExtended
             If none leads further than the old one, and why.
         """
-        start = now + PLANNING_TIME
-        leave, speed = path.gone.at(start)
-        join = min(leave + KEPT_LENGTH, path.length)
+        start, leave, speed = path.gone.knot_from(now + PLANNING_TIME)
+        kept = np.append(leave, path.q.x[path.q.x > leave][:KEPT_KNOTS])
+        join = float(kept[-1])
         ideal = _SeamPoses(seam, seam_start, self._T_s_f)
         old = self._kinematics.forward(path.q(join))
         ideal.shift_to(join, self.groove_point(old))
@@ -185,8 +185,7 @@ class PathAhead:
         slope = (offset - pose_to_vector(was)) / SLOPE_LENGTH if speed > 0 else 0.0 * offset
 
         reason = "the seam is known no further"
-        kept = _evenly(leave, join)[:-1] if join > leave else np.empty(0)
-        lengths, angles = [*kept, join], [*path.q(kept), path.q(join)]
+        lengths, angles = list(kept), list(path.q(kept))
         for s in _evenly(join, end)[1:]:
             T_b_f = ideal.at(s) @ pose_from_vector(_blend(offset, slope, s - join))
             try:
@@ -199,11 +198,11 @@ class PathAhead:
                 break
             lengths.append(s)
             angles.append(q)
-        if len(lengths) < len(kept) + 3:
+        if len(lengths) < len(kept) + 2:
             gone = 1e3 * (lengths[-1] - leave)
             raise PathNotExtended(f"the path ends {gone:.0f} mm on: {reason}")
-        begin = path.q(leave, 1) if speed > 0 else None
-        spline = path_through(lengths, np.array(angles), begin)
+        begin = (1, path.q(leave, 1)) if speed > 0 else "not-a-knot"
+        spline = CubicSpline(lengths, angles, bc_type=(begin, "not-a-knot"))
         gone = self._timing.fastest(spline, speed, start)
         if gone is None:
             raise PathNotExtended("the arm can't stop any more before the new path ends")
@@ -211,11 +210,12 @@ class PathAhead:
 
     def shorten(self, path: FollowedPath, now: float) -> FollowedPath:
         """Let a path end as soon as the arm can rest on it; gives itself if it can't any sooner."""
-        start = now + PLANNING_TIME
-        leave, speed = path.gone.at(start)
-        for end in np.arange(leave + 2 * KNOT_SPACING, path.length - KNOT_SPACING, KNOT_SPACING):
-            lengths = _evenly(leave, float(end))
-            spline = path_through(lengths, path.q(lengths), path.q(leave, 1))
+        start, leave, speed = path.gone.knot_from(now + PLANNING_TIME)
+        further = path.q.x[path.q.x > leave]
+        for i in range(2, len(further)):
+            lengths = np.append(leave, further[:i])
+            ends = tuple((1, slope) for slope in path.q(lengths[[0, -1]], 1))
+            spline = CubicSpline(lengths, path.q(lengths), bc_type=ends)  # the same path
             gone = self._timing.fastest(spline, speed, start)
             if gone is not None:
                 return FollowedPath(spline, gone)
@@ -238,7 +238,7 @@ class PathAhead:
         for move in moves_b[1:]:
             angles.append(self._kinematics.inverse(pose(p=move) @ T_b_f, near=angles[-1]))
         lengths = np.append(0.0, np.linalg.norm(np.diff(moves_s, axis=0), axis=1).cumsum())
-        path = path_through(lengths, np.array(angles), None)
+        path = CubicSpline(lengths, angles)
         gone = self._shuttle_timing.fastest(path, 0.0, time + PLANNING_TIME)
         if gone is None:
             raise PoseUnreachable("no motion within the arm's limits goes there", T_b_f)
