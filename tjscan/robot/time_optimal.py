@@ -133,6 +133,33 @@ class PathTiming:
     def __init__(self, kinematics: Kinematics, limits: MotionLimits, speed: float) -> None:
         self._kinematics, self._limits, self._speed = kinematics, limits, speed
 
+    def speed_and_braking(self, q: CubicSpline) -> tuple[float, float]:
+        """Largest speed at any place of a path that joints and flange can take, and how to brake.
+
+        Parameters
+        ----------
+        q : CubicSpline
+            Joint angles in radians over the length along the path in metres.
+
+        Returns
+        -------
+        speed, braking : float
+            Metres per second; and the seconds, the largest at a place, in which a metre per second
+            is braked.
+        """
+        limits, turns = self._limits, q(q.x, 1)
+        moves = [
+            self._kinematics.jacobian(one)[:3] @ turn
+            for one, turn in zip(q(q.x), turns, strict=True)
+        ]
+        tool, turns = np.linalg.norm(moves, axis=1), np.abs(turns)
+        slowness = np.maximum(
+            (turns / (limits.joint_speed * self._kinematics.velocity)).max(axis=1),
+            tool / limits.tcp_speed,
+        )
+        braking = max(turns.max() / limits.joint_acceleration, tool.max() / limits.tcp_acceleration)
+        return float(1.0 / slowness.min()), float(braking)
+
     def fastest(self, q: CubicSpline, start_speed: float, start: float) -> LengthOverTime | None:
         """Quickest way along a path, with a speed at its start, to rest at its end.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -18,6 +19,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.robot.following import JointMotion
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.simulated_following import CONTROLLER_TICK, SimulatedFollowing
+from tjscan.scanning.continuous import path_ahead
 from tjscan.scanning.journal import ScanEvent, StopReason, reason_to_stop
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.stopping import StopRequest
@@ -59,6 +61,7 @@ def test_no_set_point_of_the_arm_is_over_a_limit(
         motions[following] = following._motion
 
     monkeypatch.setattr(SimulatedFollowing, "replace", watched)
+    monkeypatch.setattr(path_ahead, "MOST_TIMES_AS_FAST", 5.0)
     scan_continuously(keys | {"scan.length_mm": 250.0})
     arm = Kinematics.load("ur10e")
     limits = motion_limits_of_job(read_scan_job(PAPER, SHORT | keys))
@@ -237,3 +240,21 @@ def test_a_scan_that_goes_on_by_single_steps_leaves_nothing_out() -> None:
 def test_poses_that_lead_the_other_way_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="behind it"):
         scan_continuously({"scan.direction": "clockwise"})
+
+
+@pytest.mark.parametrize(
+    "key", [{"scan.speed_mm_s": 300.0}, {"scan.horizon_mm": 40.0}], ids=["speed", "horizon"]
+)
+def test_what_the_arm_cannot_follow_is_refused_with_the_figure_that_does(
+    key: dict[str, float],
+) -> None:
+    notes, name = Notes(), next(iter(key))
+    with pytest.raises(ConfigurationError) as refused:
+        scan_continuously(key, notes=notes)
+    assert refused.value.key == name
+    assert not notes.views  # nothing moved
+    does, *slower = re.findall(r"to (\d+) at", refused.value.message)
+    others = [key | {"scan.speed_mm_s": float(one)} for one in slower]
+    for keys in ({name: float(does)}, *others):
+        result = scan_continuously(keys | {"scan.length_mm": 20.0})
+        assert result.stop is StopReason.LENGTH

@@ -106,6 +106,7 @@ class ContinuousScanner(Scanner):
         )
         self._arm, laser = devices_that_follow(setup.arm, setup.laser)
         p_s_t = np.array((plan.offset, 0.0, plan.standoff))
+        self._kinematics = kinematics
         self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
         self._T_b_f_second = T_b_f_second
         self._second_point = self._planner.groove_point(T_b_f_second)
@@ -124,6 +125,8 @@ class ContinuousScanner(Scanner):
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
         """Scan from two taught flange poses. See `Scanner.run`."""
+        first = self._kinematics.inverse(T_b_f_first, near=self._setup.arm.state().q)
+        self._planner.check_plan(first, T_b_f_second, self._plan.horizon)
         state = self._taker.move_joint_to_pose(T_b_f_first)
         self._scan_taught("first", state)
         self._check_direction(self._second_point, LEAST_TAUGHT_DISTANCE)
