@@ -178,8 +178,8 @@ class PathTiming:
             None if the path can't be run through: from this speed there is no stop on it.
         """
         points = [self._kinematics.forward(one)[:3, 3] for one in q(q.x)]
-        ends = tuple((1, self._kinematics.jacobian(q(s))[:3] @ q(s, 1)) for s in q.x[[0, -1]])
-        points_b = CubicSpline(q.x, points, bc_type=ends)
+        begin, end = (self._kinematics.jacobian(q(s))[:3] @ q(s, 1) for s in q.x[[0, -1]])
+        points_b = CubicSpline(q.x, points, bc_type=((1, begin), (1, end)))
         shares = np.arange(PIECES_OF_A_CUBIC) / PIECES_OF_A_CUBIC
         inner = q.x[:-1, None] + np.diff(q.x)[:, None] * shares
         places = np.append(inner.ravel(), q.x[-1])

@@ -8,21 +8,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells import CLOCKWISE, PAPER, Notes, example_corner_errors
+from cells import CLOCKWISE, EXAMPLES, PAPER, Notes, example_corner_errors
 from continuous_scans import SHORT, HeardThrough, flange_speeds, passing_views, scan_continuously
 
+from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import ArmFault, ConfigurationError, LaserFault
+from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.job.cell import motion_limits_of_job
 from tjscan.job.files import read_scan_job
+from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
+from tjscan.result.section import absent_corners
 from tjscan.robot.following import JointMotion
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.simulated_following import CONTROLLER_TICK, SimulatedFollowing
+from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.continuous import path_ahead
+from tjscan.scanning.continuous.smoothing import smooth_corners
 from tjscan.scanning.journal import ScanEvent, StopReason, reason_to_stop
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
+from tjscan.scanning.sections_before import TACK_END_LENGTH, name_tack_ends
 from tjscan.scanning.stopping import StopRequest
+
+YARD = EXAMPLES / "yard-joint.toml"
 
 AT_REST = 2e-3
 """Metres per second: slower is at rest."""
@@ -74,6 +83,32 @@ def test_no_set_point_of_the_arm_is_over_a_limit(
         assert np.abs(quick).max() <= 1.02 * limits.joint_acceleration
         assert np.linalg.norm(moved, axis=1).max() <= 1.02 * limits.tcp_speed
         assert np.linalg.norm(pushed, axis=1).max() <= 1.02 * limits.tcp_acceleration
+
+
+def test_a_tack_is_named_from_end_to_end_and_no_corner_is_wrong_beside_it() -> None:
+    job = read_scan_job(YARD)
+    joint = ScanContext(job, YARD).joint
+    assert joint is not None
+    assert job.joint is not None
+    result = scan_continuously({"scan.length_mm": 160.0, "simulation.seed": 34}, file=YARD)
+    sections = name_tack_ends(result.sections)
+    edges, T_j_b = feature_edges(joint), JointOrBaseFrame(job.joint.T_w_j).T_r_b
+    corners = np.array([transform_points(T_j_b, section.points_b) for section in sections])
+    covered = edges.on_tack(corners[:, 2]) | edges.on_tack(corners[:, 3])
+    named = np.array([section.groove.on_tack for section in sections])
+    origins = corners[:, 2]
+    away = np.linalg.norm(origins[:, None] - origins[covered], axis=2).min(axis=1)
+    assert covered.sum() > 10
+    assert named[covered].all()
+    assert away[named].max() < TACK_END_LENGTH + 1e-3
+    grooves = [section.groove for section in sections]
+    off = corner_to_edge_distances(corners, edges, absent_corners(grooves))[~named]
+    covariances = np.array([groove.corner_covariances_s for groove in grooves])
+    unsure = np.sqrt(np.trace(covariances, axis1=2, axis2=3))[~named] > 0.4e-3
+    assert ((off > 0.5e-3) & ~unsure).sum() <= 1
+    smooth = smooth_corners(sections)[~named]
+    corners[~named, 1:4] = transform_points(T_j_b, smooth.reshape(-1, 3)).reshape(smooth.shape)
+    assert np.nanmax(corner_to_edge_distances(corners, edges)[~named]) < 0.5e-3
 
 
 def test_every_profile_is_recorded_before_its_section() -> None:

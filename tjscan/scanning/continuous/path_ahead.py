@@ -246,8 +246,11 @@ class PathAhead:
         if len(lengths) < len(kept) + 2:
             gone = 1e3 * (lengths[-1] - leave)
             raise PathNotExtended(f"the path ends {gone:.0f} mm on: {reason}")
-        begin = (1, path.q(leave, 1)) if speed > 0 else "not-a-knot"
-        spline = CubicSpline(lengths, angles, bc_type=(begin, "not-a-knot"))
+        spline = (
+            CubicSpline(lengths, angles, bc_type=((1, path.q(leave, 1)), "not-a-knot"))
+            if speed > 0
+            else CubicSpline(lengths, angles)
+        )
         gone = self._timing.fastest(spline, speed, start)
         if gone is None:
             raise PathNotExtended("the arm can't stop any more before the new path ends")
@@ -259,11 +262,11 @@ class PathAhead:
         further = path.q.x[path.q.x > leave]
         for i in range(2, len(further)):
             lengths = np.append(leave, further[:i])
-            ends = tuple((1, slope) for slope in path.q(lengths[[0, -1]], 1))
-            spline = CubicSpline(lengths, path.q(lengths), bc_type=ends)  # the same path
-            gone = self._timing.fastest(spline, speed, start)
+            begin, end = path.q(lengths[[0, -1]], 1)
+            same = CubicSpline(lengths, path.q(lengths), bc_type=((1, begin), (1, end)))
+            gone = self._timing.fastest(same, speed, start)
             if gone is not None:
-                return FollowedPath(spline, gone)
+                return FollowedPath(same, gone)
         return path
 
     def shuttle(self, q: Array, time: float) -> FollowedPath:

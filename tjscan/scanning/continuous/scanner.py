@@ -33,7 +33,7 @@ from tjscan.scanning.journal import (
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ProfileView, StepRequest, Substep
+from tjscan.scanning.section import ProfileView, ScannedSection, StepRequest, Substep
 from tjscan.scanning.sections_before import PLANNING_SPACING, planning_sections
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
@@ -55,6 +55,9 @@ LONGEST_GAP: Final = 8e-3
 
 LEAST_STEP: Final = 5e-3
 """Metres of a step from rest."""
+
+UNSURE_SIGMA: Final = 0.3e-3
+"""Metres, standard deviation of a corner from which a section is read in more profiles."""
 
 FEWEST_SHUTTLE_SECTIONS: Final = 6
 """Sections read in each quarter of a shuttle from which the laser's clock is laid on the arm's."""
@@ -242,14 +245,23 @@ class ContinuousScanner(Scanner):
     def _take(self, state: ArmState, profile: Profile) -> None:
         """Record a profile that was taken in passing, and read the sections it completes."""
         view = self._record_view(state, profile)
-        for length, fused in self._fuser.add(view, self._along_b):
+        for length, views in self._fuser.add(view, self._along_b):
             missed = length > self._length + LONGEST_GAP
             if missed or length > self._end_length or self._closed:
                 return
-            try:
-                self._read(length, replace(fused, index=len(self._log.sections)))
-            except errors.GrooveNotFound as error:
-                self._why_not_on = str(error)
+            sections = []
+            for fused in views:
+                try:
+                    sections.append(self._read(length, fused))
+                except errors.GrooveNotFound as error:
+                    self._why_not_on = str(error)
+                else:
+                    if _unsureness(sections[-1].groove) < UNSURE_SIGMA:
+                        break
+            if sections:
+                surest = min(sections, key=lambda one: _unsureness(one.groove))
+                self._log.record(surest.view)
+                self._finish(length, surest)
 
     def _record_view(self, state: ArmState, profile: Profile) -> ProfileView:
         """Record a profile taken in passing, its time on the arm's clock.
@@ -266,7 +278,7 @@ class ContinuousScanner(Scanner):
         self._log.record(view)
         return view
 
-    def _read(self, length: float, view: ProfileView) -> None:
+    def _read(self, length: float, view: ProfileView) -> ScannedSection:
         """Read a section in the profiles about a place.
 
         Raises
@@ -278,8 +290,8 @@ class ContinuousScanner(Scanner):
         def wanted(groove: GrooveSection) -> Array:
             return self._plan.target_pose_in_sensor(groove.work_angle)
 
-        self._log.record(view)
         finished = self._log.sections
+        view = replace(view, index=len(finished))
         section = sections_before.read_section(self._setup.read, view, wanted, finished)
         sections_before.check_section_orientation(section.groove)
         if len(before := planning_sections(finished)) > 1:
@@ -289,9 +301,13 @@ class ContinuousScanner(Scanner):
             ahead = StepRequest(last, last.T_b_g[:3, 3] + step * self._along_b, step)
             sections_before.check_section_one_step_ahead(section, ahead)
             sections_before.check_measures_plausible(section, ahead)
+        return section
+
+    def _finish(self, length: float, section: ScannedSection) -> None:
+        """Add a section; whether the groove is closed with it."""
         self._finish_section(section)
         self._length = self._length_of[section.view.index] = length
-        around = replace(self._plan, length=None)
+        around, finished = replace(self._plan, length=None), self._log.sections
         closed = reason_to_stop(around, finished, CLOSING_SPACINGS * self._plan.section_spacing)
         self._closed = closed is not None
 
@@ -392,3 +408,10 @@ class ContinuousScanner(Scanner):
             f"the arm's clock is {1e3 * offset:.2f} ± {1e3 * sigma:.2f} ms ahead of the laser's, "
             f"from {len(seen)} profiles of a shuttle across the groove",
         )
+
+
+def _unsureness(groove: GrooveSection) -> float:
+    """Largest standard deviation of the corners that are seen, metres."""
+    seen = [name not in groove.absent for name in ("p2", "p3", "p4")]
+    variances = np.trace(groove.corner_covariances_s[seen], axis1=1, axis2=2)
+    return float(np.sqrt(variances.max(initial=0.0)))

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
+from tjscan.groove.root import SEAM_BESIDE
 from tjscan.scanning.seam_fit import ARM_REPEATABILITY
 from tjscan.scanning.section import ScannedSection, Sections
 
-HALF_WIDTH: Final = 6e-3
+HALF_WIDTH: Final = 12e-3
 """Metres to either side over which a corner's way is a parabola: the bend of the tightest groove
-changes it by micrometres there."""
+changes it by micrometres there, and a bevel of two facets is misread for ten millimetres on end."""
 
 FEWEST_NEIGHBOURS: Final = 5
 """Sections within the width below which a corner stays as it was read."""
@@ -67,7 +68,8 @@ def _alike(sections: Sections, along: Array, way: Array, sigma: Array) -> list[N
 
 
 def _form(section: ScannedSection) -> tuple[object, ...]:
-    return section.groove.on_tack, section.groove.absent, section.groove.conditions
+    conditions = set(section.groove.conditions) - {SEAM_BESIDE}  # beside, nothing changes
+    return section.groove.absent, conditions
 
 
 def _jumps(along: Array, way: Array, sigma: Array) -> NDArray[np.bool_]:
