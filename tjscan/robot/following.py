@@ -5,7 +5,7 @@ An arm that follows never runs out of path in motion: what it was given always e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import field
 from typing import Final, Protocol, runtime_checkable
@@ -147,6 +147,42 @@ class Following(Protocol):
         ArmFault
             If the arm stopped.
         """
+
+
+class FollowingThrough:
+    """An arm that is followed through another one, see `Following`.
+
+    Parameters
+    ----------
+    following : Following
+        The arm that moves.
+    check : callable, optional
+        Refuses a motion before it is followed.
+    correct : callable, optional
+        Corrects a state.
+    """
+
+    def __init__(
+        self,
+        following: Following,
+        check: Callable[[JointMotion], None] = lambda motion: None,
+        correct: Callable[[ArmState], ArmState] = lambda state: state,
+    ) -> None:
+        self._following, self._check, self._correct = following, check, correct
+
+    @property
+    def end(self) -> float:
+        """When the motion that is followed ends. See `Following.end`."""
+        return self._following.end
+
+    def replace(self, motion: JointMotion) -> None:
+        """Follow another motion. See `Following.replace`."""
+        self._check(motion)
+        self._following.replace(motion)
+
+    def states(self) -> Sequence[ArmState]:
+        """States since the last call. See `Following.states`."""
+        return [self._correct(state) for state in self._following.states()]
 
 
 @runtime_checkable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import isnan, radians
+from math import dist, isnan, radians
 from typing import Final, Protocol
 
 import numpy as np
@@ -152,11 +152,11 @@ back as those of a stepwise one."""
 
 def planning_sections(sections: Sections) -> list[ScannedSection]:
     """The last sections that are `PLANNING_SPACING` or more from each other, the oldest first."""
-    chosen = [sections[-1]]
+    chosen, origin = [sections[-1]], sections[-1].T_b_g[:3, 3]
     for section in reversed(sections):
-        away = section.T_b_g[:3, 3] - chosen[-1].T_b_g[:3, 3]
-        if np.linalg.norm(away) >= PLANNING_SPACING:
+        if dist(here := section.T_b_g[:3, 3], origin) >= PLANNING_SPACING:
             chosen.append(section)
+            origin = here
             if len(chosen) == MOST_PRIOR_SECTIONS:
                 break
     return chosen[::-1]

@@ -26,7 +26,7 @@ from tjscan.robot.simulated_following import CONTROLLER_TICK, SimulatedFollowing
 from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.continuous import path_ahead
 from tjscan.scanning.continuous.smoothing import smooth_corners
-from tjscan.scanning.journal import ScanEvent, StopReason, reason_to_stop
+from tjscan.scanning.journal import ScanEvent, StopReason
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.sections_before import TACK_END_LENGTH, name_tack_ends
 from tjscan.scanning.stopping import StopRequest
@@ -199,11 +199,8 @@ def test_a_stop_now_leaves_what_was_measured() -> None:
 
 
 def test_a_groove_that_closes_ends_the_scan_where_it_began(monkeypatch: pytest.MonkeyPatch) -> None:
-    def closes(plan: object, sections: list[ScannedSection], step: float) -> StopReason | None:
-        done = reason_to_stop(plan, sections, step)  # type: ignore[arg-type]
-        return StopReason.CLOSED if len(sections) > 30 else done
-
-    monkeypatch.setattr("tjscan.scanning.continuous.scanner.reason_to_stop", closes)
+    away = iter([*[1.0] * 29, *[0.0] * 99])  # of sections from the first one
+    monkeypatch.setattr("tjscan.scanning.continuous.scanner.dist", lambda a, b: next(away))
     notes = Notes()
     result = scan_continuously({"scan.length_mm": 300.0}, notes=notes)
     assert result.stop is StopReason.CLOSED

@@ -222,7 +222,7 @@ class PathAhead:
         old = self._kinematics.forward(path.q(join))
         ideal.shift_to(join, self.groove_point(old))
         end = min(end, ideal.end)
-        if end < path.length - KNOT_SPACING:
+        if end < max(path.length - KNOT_SPACING, join + SLOPE_LENGTH):
             raise PathNotExtended("the seam is known no further than the path leads")
         offset = pose_to_vector(inverse_pose(ideal.at(join)) @ old)
         before = join - SLOPE_LENGTH
@@ -243,7 +243,7 @@ class PathAhead:
                 break
             lengths.append(s)
             angles.append(q)
-        if len(lengths) < len(kept) + 2:
+        if len(lengths) == len(kept):
             gone = 1e3 * (lengths[-1] - leave)
             raise PathNotExtended(f"the path ends {gone:.0f} mm on: {reason}")
         spline = (

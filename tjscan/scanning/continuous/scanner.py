@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import dist
 from typing import Final
 
 import numpy as np
@@ -28,12 +29,11 @@ from tjscan.scanning.journal import (
     ScanResult,
     StopReason,
     groove_length,
-    reason_to_stop,
 )
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ProfileView, ScannedSection, StepRequest, Substep
+from tjscan.scanning.section import ProfileView, ScannedSection, Sections, StepRequest, Substep
 from tjscan.scanning.sections_before import PLANNING_SPACING, planning_sections
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
@@ -123,7 +123,7 @@ class ContinuousScanner(Scanner):
         # last, and of the second taught pose.
         self._length = self._planned_length = self._second_length = 0.0
         self._length_of: dict[int, float] = {}
-        self._passed_second = self._closed = False
+        self._passed_second = self._left_first = self._closed = False
         self._why_not_on = ""
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
@@ -150,6 +150,8 @@ class ContinuousScanner(Scanner):
         sections = self._log.sections
         self._lay_clock(self._setup.arm.state())
         origins = np.array([section.T_b_g[:3, 3] for section in sections])
+        near = CLOSING_SPACINGS * self._plan.section_spacing
+        self._left_first = bool(np.linalg.norm(origins - origins[0], axis=1).max() > 2 * near)
         from_second = np.linalg.norm(origins - self._second_point, axis=1)
         nearest = int(from_second.argmin())
         if len(planning_sections(sections)) == 1:
@@ -249,10 +251,10 @@ class ContinuousScanner(Scanner):
             missed = length > self._length + LONGEST_GAP
             if missed or length > self._end_length or self._closed:
                 return
-            sections = []
+            sections, before = [], planning_sections(self._log.sections)
             for fused in views:
                 try:
-                    sections.append(self._read(length, fused))
+                    sections.append(self._read(length, fused, before))
                 except errors.GrooveNotFound as error:
                     self._why_not_on = str(error)
                 else:
@@ -278,7 +280,7 @@ class ContinuousScanner(Scanner):
         self._log.record(view)
         return view
 
-    def _read(self, length: float, view: ProfileView) -> ScannedSection:
+    def _read(self, length: float, view: ProfileView, before: Sections) -> ScannedSection:
         """Read a section in the profiles about a place.
 
         Raises
@@ -290,11 +292,10 @@ class ContinuousScanner(Scanner):
         def wanted(groove: GrooveSection) -> Array:
             return self._plan.target_pose_in_sensor(groove.work_angle)
 
-        finished = self._log.sections
-        view = replace(view, index=len(finished))
-        section = sections_before.read_section(self._setup.read, view, wanted, finished)
+        view = replace(view, index=len(self._log.sections))
+        section = sections_before.read_section(self._setup.read, view, wanted, before)
         sections_before.check_section_orientation(section.groove)
-        if len(before := planning_sections(finished)) > 1:
+        if len(before) > 1:
             last = before[-2]
             gone = length - self._length_of.get(last.view.index, length - PLANNING_SPACING)
             step = max(gone, PLANNING_SPACING)
@@ -304,12 +305,13 @@ class ContinuousScanner(Scanner):
         return section
 
     def _finish(self, length: float, section: ScannedSection) -> None:
-        """Add a section; whether the groove is closed with it."""
+        """Add a section, and see whether the groove is closed with it."""
         self._finish_section(section)
         self._length = self._length_of[section.view.index] = length
-        around, finished = replace(self._plan, length=None), self._log.sections
-        closed = reason_to_stop(around, finished, CLOSING_SPACINGS * self._plan.section_spacing)
-        self._closed = closed is not None
+        origins = (one.T_b_g[:3, 3] for one in (section, self._log.sections[0]))
+        away, near = dist(*origins), CLOSING_SPACINGS * self._plan.section_spacing
+        self._left_first |= away > 2 * near
+        self._closed = self._left_first and away < near
 
     def _lead_on(self, following: Following, path: FollowedPath) -> FollowedPath:
         """Lead the path on along the seam that the sections show, if it can be."""

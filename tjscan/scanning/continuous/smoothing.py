@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.root import SEAM_BESIDE
+from tjscan.groove.root import ROOT_NOT_SEEN, SEAM_BESIDE
 from tjscan.scanning.seam_fit import ARM_REPEATABILITY
 from tjscan.scanning.section import ScannedSection, Sections
 
@@ -61,15 +61,17 @@ def smooth_corners(sections: Sections) -> Array:
 
 def _alike(sections: Sections, along: Array, way: Array, sigma: Array) -> list[NDArray[np.intp]]:
     """Numbers of the sections of each stretch of one form, one condition, and no jump."""
-    changes = [_form(one) != _form(next_) for one, next_ in pairwise(sections)]
+    forms = list(accumulate(map(_form, sections), lambda before, form: form or before))
+    changes = [one != next_ for one, next_ in pairwise(forms)]
     jumps = _jumps(along, way, sigma) | _jumps(-along[::-1], way[::-1], sigma[::-1])[::-1]
     breaks = np.flatnonzero(np.array(changes, dtype=bool) | jumps) + 1
     return np.split(np.arange(len(sections)), breaks)
 
 
 def _form(section: ScannedSection) -> tuple[object, ...]:
+    """What the groove is like; empty where the root was not seen: as before, then."""
     conditions = set(section.groove.conditions) - {SEAM_BESIDE}  # beside, nothing changes
-    return section.groove.absent, conditions
+    return () if ROOT_NOT_SEEN in conditions else (section.groove.absent, conditions)
 
 
 def _jumps(along: Array, way: Array, sigma: Array) -> NDArray[np.bool_]:
@@ -77,12 +79,13 @@ def _jumps(along: Array, way: Array, sigma: Array) -> NDArray[np.bool_]:
     n, found = SECTIONS_BEFORE_A_JUMP, np.zeros(max(len(way) - 1, 0), dtype=bool)
     for i in range(n - 1, len(way) - 2):
         s = along[i - n + 1 : i + 1] - along[i]
-        A = np.column_stack((np.ones(n), s))
-        fit, *_ = np.linalg.lstsq(A, way[i - n + 1 : i + 1], rcond=None)
+        weight = 1.0 / sigma[i - n + 1 : i + 1, None]
+        A = weight * np.column_stack((np.ones(n), s))
+        fit, *_ = np.linalg.lstsq(A, weight * way[i - n + 1 : i + 1], rcond=None)
         spread = np.linalg.inv(A.T @ A)
         for later in (i + 1, i + 2):
             row = np.array((1.0, along[later] - along[i]))
-            expected = np.hypot(sigma[later], sigma[i] * np.sqrt(row @ spread @ row))
+            expected = np.sqrt(sigma[later] ** 2 + row @ spread @ row)
             if np.linalg.norm(way[later] - row @ fit) <= JUMP_SIGMAS * expected:
                 break
         else:
