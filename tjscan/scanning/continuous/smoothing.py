@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -61,8 +61,10 @@ def smooth_corners(sections: Sections) -> Array:
 
 def _alike(sections: Sections, along: Array, way: Array, sigma: Array) -> list[NDArray[np.intp]]:
     """Numbers of the sections of each stretch of one form, one condition, and no jump."""
-    forms = list(accumulate(map(_form, sections), lambda before, form: form or before))
-    changes = [one != next_ for one, next_ in pairwise(forms)]
+    forms: list[tuple[object, ...]] = [()]
+    for section in sections:
+        forms.append(_form(section) or forms[-1])
+    changes = [one != next_ for one, next_ in pairwise(forms[1:])]
     jumps = _jumps(along, way, sigma) | _jumps(-along[::-1], way[::-1], sigma[::-1])[::-1]
     breaks = np.flatnonzero(np.array(changes, dtype=bool) | jumps) + 1
     return np.split(np.arange(len(sections)), breaks)
