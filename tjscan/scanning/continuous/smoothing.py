@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, unit_vector
 from tjscan.groove.root import ROOT_NOT_SEEN, SEAM_BESIDE
 from tjscan.scanning.seam_fit import ARM_REPEATABILITY
 from tjscan.scanning.section import ScannedSection, Sections
@@ -88,7 +88,9 @@ def _jumps(along: Array, way: Array, sigma: Array) -> NDArray[np.bool_]:
         for later in (i + 1, i + 2):
             row = np.array((1.0, along[later] - along[i]))
             expected = np.sqrt(sigma[later] ** 2 + row @ spread @ row)
-            if np.linalg.norm(way[later] - row @ fit) <= JUMP_SIGMAS * expected:
+            off = way[later] - row @ fit
+            across = off - (off @ unit_vector(fit[1])) * unit_vector(fit[1])
+            if np.linalg.norm(across) <= JUMP_SIGMAS * expected:
                 break
         else:
             found[i] = True
