@@ -25,6 +25,7 @@ import numpy as np
 import tomli_w
 from _following_over_rtde import ENDING, PASSING, over_rtde_rows
 from _table import Row, main
+from scipy.interpolate import make_interp_spline
 from yard import JOB as YARD
 from yard import WAYS as YARD_WAYS
 
@@ -67,9 +68,10 @@ GIVEN: Final = 0.4
 """Millimetres: a corner stated better than that is given."""
 
 WRONG: Final = 0.5
-BESIDE_TACK: Final = 5.0
-"""Millimetres: a corner further off is wrong; from a section on a tack to one that is named with
-it, at most: 4 mm, and half of what sections are apart."""
+"""Millimetres: a corner further off is wrong."""
+
+BESIDE_TACK: Final = 4.1
+"""Millimetres from a tack's end to a section that is named with it, at most."""
 
 YARD_SEEDS: Final = tuple(range(1, 5))
 FAULTS: Final = 200
@@ -379,10 +381,16 @@ def follow_yard(key: tuple[str, int]) -> FollowedYard:
     covariances = np.array([section.groove.corner_covariances_s for section in sections])
     sure = 1e3 * np.sqrt(np.trace(covariances, axis1=2, axis2=3)) < GIVEN
     T_r_b = JointOrBaseFrame(job.joint.T_w_j).T_r_b
-    edges, roots = feature_edges(context.joint), transform_points(T_r_b, read[:, 1])
-    covered = edges.on_tack(roots) | edges.on_tack(transform_points(T_r_b, read[:, 2]))
+    edges, roots = (
+        feature_edges(context.joint),
+        [transform_points(T_r_b, read[:, k]) for k in (1, 2)],
+    )
+    covered = edges.on_tack(roots[0]) | edges.on_tack(roots[1])
     named = np.array([section.groove.on_tack for section in sections])
-    away = 1e3 * np.linalg.norm(roots[:, None] - roots[covered], axis=2).min(axis=1)
+    places = np.arange(0.0, len(sections) - 1.0, 0.05)
+    fine = [make_interp_spline(range(len(sections)), one, k=1)(places) for one in roots]
+    tacks = fine[0][edges.on_tack(fine[0]) | edges.on_tack(fine[1])]
+    away = 1e3 * np.linalg.norm(roots[0][:, None] - tacks, axis=2).min(axis=1)
     done = plan_is_fulfilled(result.stop, job.scan)
     asked = 1 + groove_between(result) / job.scan.section_spacing
     wrong, stated, smooth = (

@@ -123,6 +123,10 @@ class Following(Protocol):
     """An arm while it follows a path that grows."""
 
     @property
+    def now(self) -> float:
+        """Where it is on its paths, in their seconds: behind its clock, if it is slowed down."""
+
+    @property
     def end(self) -> float:
         """When the motion that is followed ends; a controller may have refused the last one."""
 
@@ -169,6 +173,11 @@ class FollowingThrough:
         correct: Callable[[ArmState], ArmState] = lambda state: state,
     ) -> None:
         self._following, self._check, self._correct = following, check, correct
+
+    @property
+    def now(self) -> float:
+        """Where it is on its paths. See `Following.now`."""
+        return self._following.now
 
     @property
     def end(self) -> float:

@@ -256,7 +256,7 @@ def name_tack_of_section(found: ScannedSection, before: Sections) -> ScannedSect
 def name_tack_ends(sections: Sections) -> tuple[ScannedSection, ...]:
     """Name the sections of a continuous scan that a tack weld's end reaches, as on it.
 
-    Those beside a named one in which weld or nothing shows for the root belong to the tack. About
+    Those next to a named one in which weld or nothing shows for the root belong to the tack. About
     its end, which tapers, a root seen half under it is read beside its edges.
 
     Parameters
@@ -270,7 +270,7 @@ def name_tack_ends(sections: Sections) -> tuple[ScannedSection, ...]:
     tack, before = np.array([groove.on_tack for groove in grooves]), -1
     while tack.sum() > before:
         before = tack.sum()
-        tack |= hidden & near[:, tack].any(axis=1)
+        tack |= hidden & (np.convolve(tack, np.ones(3), "same") > 0)
     return tuple(
         replace(one, groove=_with_buried_root(one.groove))
         if beside and not one.groove.on_tack and one.view.substep is Substep.FUSED

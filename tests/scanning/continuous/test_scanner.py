@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cells import CLOCKWISE, EXAMPLES, PAPER, Notes, example_corner_errors
 from continuous_scans import SHORT, HeardThrough, flange_speeds, passing_views, scan_continuously
+from scipy.interpolate import make_interp_spline
 
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import ArmFault, ConfigurationError, LaserFault
@@ -96,11 +97,13 @@ def test_a_tack_is_named_from_end_to_end_and_no_corner_is_wrong_beside_it() -> N
     corners = np.array([transform_points(T_j_b, section.points_b) for section in sections])
     covered = edges.on_tack(corners[:, 2]) | edges.on_tack(corners[:, 3])
     named = np.array([section.groove.on_tack for section in sections])
-    origins = corners[:, 2]
-    away = np.linalg.norm(origins[:, None] - origins[covered], axis=2).min(axis=1)
     assert covered.sum() > 10
     assert named[covered].all()
-    assert away[named].max() < TACK_END_LENGTH + 1e-3
+    roots = make_interp_spline(range(len(corners)), corners[:, 2:4], k=1)
+    fine = roots(np.arange(0.0, len(corners) - 1.0, 0.05))
+    tack = fine[edges.on_tack(fine[:, 0]) | edges.on_tack(fine[:, 1])]
+    away = np.linalg.norm(corners[:, None, 2] - tack[:, 0], axis=2).min(axis=1)
+    assert away[named].max() < TACK_END_LENGTH + 0.2e-3
     grooves = [section.groove for section in sections]
     off = corner_to_edge_distances(corners, edges, absent_corners(grooves))[~named]
     covariances = np.array([groove.corner_covariances_s for groove in grooves])
@@ -219,6 +222,17 @@ def test_a_shuttle_that_does_not_see_the_groove_all_the_way_is_refused(hidden: r
 
     with pytest.raises(LaserFault, match="quarters"):
         scan_continuously({}, through=Blinded(lambda n, profile: profile))
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 1e3], ids=["constant", "backwards", "milliseconds"])
+def test_stamps_that_are_no_times_are_refused_at_the_shuttle(rate: float) -> None:
+    class Stamped(HeardThrough):
+        def stream(self, period: float) -> Iterator[Profile | None]:
+            for profile in self.laser.stream(period):
+                yield profile if profile is None else replace(profile, time=rate * profile.time)
+
+    with pytest.raises(LaserFault, match="evenly"):
+        scan_continuously({}, through=Stamped(lambda n, profile: profile))
 
 
 def test_stamps_that_leap_end_the_scan_as_a_fault() -> None:

@@ -18,7 +18,12 @@ from tjscan.robot.following import Following
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
 from tjscan.scanning import sections_before
-from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_offset
+from tjscan.scanning.continuous.clocks import (
+    LATEST_ARRIVAL,
+    LaserClock,
+    ShuttleViews,
+    clock_offset,
+)
 from tjscan.scanning.continuous.fusing import ProfileFuser
 from tjscan.scanning.continuous.path_ahead import FollowedPath, PathAhead
 from tjscan.scanning.continuous.poses import ActualPoses
@@ -239,8 +244,8 @@ class ContinuousScanner(Scanner):
                     path = self._lead_on(following, path)
                 # A laser that is silent is waited for, if it is still needed.
                 done = self._reason_to_stop() is not None
-                heard = self._poses.latest if done else self._stream.heard
-                if heard > path.end + SETTLING_TIME:
+                silence = 0.0 if done else self._poses.latest - self._stream.heard
+                if following.now - silence > path.end + SETTLING_TIME:
                     return asked
         raise AssertionError("a stream has no end")
 
@@ -322,7 +327,7 @@ class ContinuousScanner(Scanner):
         try:
             seam = predict_seam(sections, self._plan, self._plan.horizon)
             self._along_b = seam.T_b_t[0, :3, 0]
-            new = self._planner.extend(path, seam, self._length, end, self._poses.latest)
+            new = self._planner.extend(path, seam, self._length, end, following.now)
             following.replace(new.motion)
         except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathNotExtended) as error:
             self._why_not_on = str(error)
@@ -334,7 +339,7 @@ class ContinuousScanner(Scanner):
     def _lead_to_rest(self, following: Following, path: FollowedPath) -> tuple[FollowedPath, bool]:
         """Let the path end as soon as the arm can rest on it; whether it does."""
         try:
-            new = self._planner.shorten(path, self._poses.latest)
+            new = self._planner.shorten(path, following.now)
             if new is not path:
                 following.replace(new.motion)
         except (errors.PoseUnreachable, errors.PathNotExtended):
@@ -379,10 +384,16 @@ class ContinuousScanner(Scanner):
                         seen.append((profile.time, self._setup.read(profile, prior=None)))
                     except errors.GrooveNotFound as error:
                         self._why_not_on = str(error)
-                if self._poses.latest > path.end + SETTLING_TIME:
+                if following.now > path.end + SETTLING_TIME:
                     break
+        if arrivals and np.ptp(arrivals) > LATEST_ARRIVAL:
+            raise errors.LaserFault(
+                f"profiles came {min(arrivals):.1f} to {max(arrivals):.1f} s after their stamps: "
+                "these are no times on a clock that runs evenly. Set the laser to stamp each "
+                "profile in seconds when it is taken"
+            )
         # In each quarter of the way: a part of it tells a wrong offset as surely as the right one.
-        quarters = np.linspace(path.gone.times[0], path.end, 5)
+        quarters = np.linspace(path.gone.times[0], self._poses.latest - SETTLING_TIME, 5)
         late = min(arrivals, default=0.0)
         read, _ = np.histogram([stamp + late for stamp, _ in seen], quarters)
         if read.min() < FEWEST_SHUTTLE_SECTIONS:
