@@ -19,7 +19,7 @@ section turns and its edges bend within what is fused."""
 
 WIDER_BEHIND: Final = (2e-3, 3e-3)
 """Metres behind a place within which they are fused, too, where nearer ones leave a corner unsure:
-what misled their reading seldom goes on."""
+what misled their reading rarely goes on."""
 
 
 class ProfileFuser:
