@@ -11,6 +11,7 @@ from cells import CLOCKWISE, PAPER, Notes, example_corner_errors
 from continuous_scans import HeardThrough, flange_speeds, passing_views, scan_continuously
 
 from tjscan.core.errors import ArmFault, ConfigurationError, LaserFault
+from tjscan.laser.line_laser import StreamedProfile
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
 from tjscan.scanning.journal import ScanEvent, StopReason, reason_to_stop
@@ -143,9 +144,10 @@ def test_a_shuttle_that_does_not_see_the_groove_all_the_way_is_refused(hidden: r
     blank = np.full(640, np.nan)
 
     class Blinded(HeardThrough):
-        def stream(self, period: float) -> Iterator[Profile | None]:
-            for n, profile in enumerate(self.laser.stream(period)):
-                yield replace(profile, x_s=blank, z_s=blank) if n in hidden else profile
+        def stream(self, period: float) -> Iterator[StreamedProfile | None]:
+            for n, streamed in enumerate(self.laser.stream(period)):
+                hides = replace(streamed.profile, x_s=blank, z_s=blank)
+                yield StreamedProfile(hides) if n in hidden else streamed
 
     with pytest.raises(LaserFault, match="quarters"):
         scan_continuously({}, through=Blinded(lambda n, profile: profile))
@@ -162,8 +164,9 @@ def test_stamps_that_leap_end_the_scan_as_a_fault() -> None:
 
 def test_profiles_taken_before_the_arm_follows_are_left_out() -> None:
     class Buffering(HeardThrough):
-        def stream(self, period: float) -> Iterator[Profile | None]:
-            for n, profile in enumerate(self.laser.stream(period)):
+        def stream(self, period: float) -> Iterator[StreamedProfile | None]:
+            for n, streamed in enumerate(self.laser.stream(period)):
+                profile = streamed.profile
                 yield replace(profile, time=profile.time - 0.5) if n == 0 else profile
 
     notes = Notes()

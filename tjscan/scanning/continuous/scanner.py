@@ -353,12 +353,12 @@ class ContinuousScanner(Scanner):
                 self._stop.raise_if_stop_now()
                 if profile is not None:
                     profiles.append(profile)
-                    arrivals.append(self._poses.latest - profile.time)
+                    arrivals.append(self._stream.heard - profile.time)
                     try:
                         seen.append((profile.time, self._setup.read(profile, prior=None)))
                     except errors.GrooveNotFound as error:
                         self._why_not_on = str(error)
-                if self._poses.latest > path.end + SETTLING_TIME:
+                if self._stream.heard > path.end + SETTLING_TIME:
                     break
         # In each quarter of the way: a part of it tells a wrong offset as surely as the right one.
         quarters = np.linspace(path.gone.times[0], path.end, 5)
