@@ -22,8 +22,8 @@ READ_LIMIT: Final = 2.0
 """Seconds that an answer, or a pose, may take."""
 
 PUBLISH_HZ: Final = 500.0
-NAMES: Final = "timestamp,actual_TCP_pose"
-REPORT: Final = Struct(">B7d")
+REPORT_NAMES: Final = "timestamp,actual_TCP_pose"
+REPORT_LAYOUT: Final = Struct(">B7d")
 
 REMEMBERED_REPORTS: Final = 1000
 """Reports that are kept."""
@@ -90,7 +90,7 @@ class FlangePoses:
         self._ahead = inf  # by how much this machine's clock is, of the controller's
         for kind, payload in (
             (PackageKind.VERSION, pack(">H", 2)),
-            (PackageKind.OUTPUTS, pack(">d", PUBLISH_HZ) + NAMES.encode()),
+            (PackageKind.OUTPUTS, pack(">d", PUBLISH_HZ) + REPORT_NAMES.encode()),
             (PackageKind.START, b""),
         ):
             size = PACKAGE_HEADER.size + len(payload)
@@ -114,7 +114,7 @@ class FlangePoses:
                 return
             package, self._data = self._data[PACKAGE_HEADER.size : size], self._data[size:]
             if kind == PackageKind.DATA:
-                _, at, *vector = REPORT.unpack(package)
+                _, at, *vector = REPORT_LAYOUT.unpack(package)
                 self._reports.append((at, pose_from_vector(np.array(vector))))
                 self._ahead = min(self._ahead + LARGEST_DRIFT, now - at)
                 self._heard = now

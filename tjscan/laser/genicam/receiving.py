@@ -10,8 +10,8 @@ from typing import Final
 from tjscan.core.errors import LaserFault
 from tjscan.laser.genicam.messages import StampedBlock
 
-MOST_WAITING: Final = 12_000
-"""Blocks that may wait to be taken: a minute of 200 a second."""
+MOST_WAITING: Final = 15_000
+"""Blocks that may wait to be taken: more than a minute of 200 a second."""
 
 MOST_AT_ONCE: Final = 200
 """Blocks that are taken at once at most."""

@@ -13,7 +13,7 @@ from tjscan.laser.line_laser import LineLaser, StreamingLaser
 from tjscan.laser.profile import Profile, ProfileRepeats
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.following import Following, FollowingArm, check_can_follow
-from tjscan.scanning.continuous.clocks import LaserClock
+from tjscan.scanning.continuous.clocks import LATEST_ARRIVAL, LaserClock
 from tjscan.scanning.continuous.poses import ActualPoses
 
 PROFILE_PERIOD: Final = 0.005
@@ -59,6 +59,8 @@ class PlacedProfiles:
     ----------
     heard : float
         When the latest profile came that was taken, seconds on the arm's clock.
+    placed_until : float
+        When the latest profile was taken that has its state, seconds on the arm's clock.
 
     Raises
     ------
@@ -69,10 +71,12 @@ class PlacedProfiles:
     def __init__(self, laser: StreamingLaser, poses: ActualPoses, repeats: ProfileRepeats) -> None:
         laser.check_stream(PROFILE_PERIOD)
         self._laser, self._poses, self._repeats = laser, poses, repeats
-        self.heard = np.inf
+        self.heard, self.placed_until = np.inf, -np.inf
 
     def profiles(self, following: Following) -> Iterator[Profile | None]:
         """Profiles as they arrive, None where one is missing or came before; never ends.
+
+        The laser streams from the first on.
 
         Raises
         ------
@@ -97,6 +101,10 @@ class PlacedProfiles:
             is_new = streamed is not None and not self._repeats.is_repeat(streamed.profile)
             yield streamed.profile if streamed is not None and is_new else None
 
+    def has_passed(self, time: float) -> bool:
+        """Whether all profiles until a time on the arm's clock were placed, or will not come."""
+        return self.placed_until > time or self.heard > time + LATEST_ARRIVAL
+
     def placed(
         self, following: Following, clock: LaserClock
     ) -> Iterator[list[tuple[ArmState, Profile]]]:
@@ -117,6 +125,7 @@ class PlacedProfiles:
             ready = []
             while pending and (time := clock.arm_time(pending[0].time)) <= self._poses.latest:
                 profile = pending.popleft()
+                self.placed_until = time
                 if self._poses.cover(time):
                     ready.append((self._poses.at(time), profile))
             yield ready
