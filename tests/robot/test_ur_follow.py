@@ -31,6 +31,9 @@ BESIDE = 1e-3
 
 CLOCK = 5000.0
 
+LONGEST_PROGRAM = 60.0
+"""Seconds in which a program ends that hears nothing more, on a busy machine."""
+
 
 @pytest.fixture(scope="module")
 def running() -> Iterator[UrLoopbackProcess]:
@@ -50,8 +53,9 @@ def loopback(running: UrLoopbackProcess) -> UrLoopbackProcess:
 def await_end_of_program(loopback: UrLoopbackProcess) -> None:
     """Let the controller go on if it was frozen, until its program has ended."""
     loopback.schedule_fault("clear")
-    dashboard = DashboardClient(loopback.host)
+    dashboard, until = DashboardClient(loopback.host), time.monotonic() + LONGEST_PROGRAM
     while dashboard.ask_dashboard_value("running") != "false":
+        assert time.monotonic() < until, loopback.unread_output()
         time.sleep(0.05)
     dashboard.close()
 
