@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Final, Self
@@ -275,7 +276,7 @@ class BrokerClient(DeviceBase):
 
     def _reset_before_connecting(self) -> None:
         """Know nothing of the device yet."""
-        self._connected = False
+        self._connected, self._paused, self._called = False, 0.0, inf
         self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._session, self._number = uuid4().hex, 0
         self.dropped = 0
@@ -290,6 +291,20 @@ class BrokerClient(DeviceBase):
 
     def _leave_at_rest(self) -> None:
         """Bring the device to rest, while the link still is there."""
+
+    def _note_call(self) -> None:
+        """Take note of a call: how long ago the caller's last one was tells who is silent."""
+        now = time.monotonic()
+        self._paused, self._called = now - self._called, now
+
+    def _held_up(self, limit: float) -> str:
+        """What to say of a silence of which the caller is the cause; empty if it is not."""
+        if self._paused < limit:
+            return ""
+        return (
+            f"this program was held up for {self._paused:.1f} s, and what it commands has stopped "
+            "by itself. See what else this computer does, then start again."
+        )
 
     def _deliver_events(self) -> None:
         with suppress(Empty):

@@ -80,6 +80,7 @@ class MqttVehicle(BrokerClient):
 
     def command(self, twist: Twist) -> None:
         """Hold a twist until the next command. See `Vehicle.command`."""
+        self._note_call()
         self._deliver_events()
         self._check_link()
         check_twist(twist)
@@ -97,6 +98,7 @@ class MqttVehicle(BrokerClient):
 
     def next_state(self) -> VehicleState:
         """Wait for the next state. See `Vehicle.next_state`."""
+        self._note_call()
         self._deliver_events()
         self._check_no_alarm()
         if not self._connected:
@@ -114,6 +116,7 @@ class MqttVehicle(BrokerClient):
         self._pose = received[-1][1]
         merged = merge_unread_states([state for state, _ in received], self._read_until)
         self._read_until = merged.time
+        self._called = time.monotonic()  # to wait was no pause
         return merged
 
     def true_pose(self) -> Array:
@@ -284,10 +287,12 @@ class MqttVehicle(BrokerClient):
     def _link_lost_error(self) -> errors.VehicleLinkLost:
         self._order = None
         self._deliver_events()
-        why = self._lost or f"no new state came for {self.settings.silence_limit:g} s"
+        limit = self.settings.silence_limit
+        why = self._lost or f"no new state came for {limit:g} s"
         return errors.VehicleLinkLost(
-            f"{why}. The vehicle stops by itself. See that it and its network are on, then start "
-            "again."
+            self._held_up(limit)
+            or f"{why}. The vehicle stops by itself. See that it and its network are on, then "
+            "start again."
         )
 
     def _other_commander_error(self) -> errors.VehicleFault:
