@@ -16,7 +16,7 @@ SPEED_TOLERANCE: Final = np.array((0.01, 0.03, 0.01))
 """By how much wheels may turn faster than ordered: m/s along, rad/s, m/s sideways. An assumption
 that leaves room for a drive's overshoot."""
 
-OVERSHOOT: Final = 0.1
+OVERSHOOT_SHARE: Final = 0.1
 """The same, as a share of what is ordered."""
 
 
@@ -44,7 +44,7 @@ class OrderedMotion:
         if now < self._first + RESPONSE_TIME:
             return False
         ordered = np.array([(0.0, 0.0, 0.0), *(astuple(twist) for _, twist in self._orders)])
-        spare = SPEED_TOLERANCE + OVERSHOOT * np.abs(ordered).max(axis=0)
+        spare = SPEED_TOLERANCE + OVERSHOOT_SHARE * np.abs(ordered).max(axis=0)
         shown = np.array(astuple(motion))
         return bool(
             np.any((shown < ordered.min(axis=0) - spare) | (shown > ordered.max(axis=0) + spare))
