@@ -206,6 +206,10 @@ class VehicleStopped(VehicleFault):
         )
 
 
+class UnorderedMotion(VehicleFault):
+    """The vehicle moves, or was stopped, as this program did not order."""
+
+
 class DriveFault(VehicleFault):
     """A drive of the vehicle reports a fault, and the vehicle has stopped."""
 

@@ -142,6 +142,8 @@ class UrFollowing:
             report = self._report()
             if report.runs and report.silence < self._session.settings.silence_limit:
                 break
+            if report.silence == np.inf:
+                raise self._session.end_session_for_fault(_fault_of_path(report))
             self._session.read_state()  # its fault, by name
             time.sleep(NEXT_STATE_REPORT_DELAY)
         else:
