@@ -36,7 +36,7 @@ STALE_AGE: Final = 1.0
 REBOOT_DURATION: Final = 0.5
 """Seconds for which a sensor that restarts answers no one."""
 
-POSE_LOOK_PERIOD: Final = 5e-4
+POSE_LOOK_PERIOD: Final = 1e-3
 """Seconds between looks whether it is known where the sensor was."""
 
 LARGEST_DELAY: Final = 0.1
@@ -143,8 +143,8 @@ class LoopbackSensor:
             self._exposing.append(self._next_exposure)
             rate = max(self._number(features.FRAME_RATE), 1.0)
             self._next_exposure = max(self._next_exposure + 1 / rate, now - LARGEST_DELAY)
-        while self._exposing and self._expose(self._exposing[0], now):
-            self._exposing.popleft()
+        if self._exposing and self._expose(self._exposing[0], now):
+            self._exposing.popleft()  # one at a time: no sensor catches up in a burst
         due = self._packets.take_due(now)
         port = self._memory.get(registers.STREAM_PORT) & 0xFFFF
         host = ".".join(

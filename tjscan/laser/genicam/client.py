@@ -56,6 +56,9 @@ SLOWEST_SHARE: Final = 0.2
 SILENCE_UNTIL_ASKED: Final = 2.0
 """Seconds without a block after which a laser is asked whether it is still there."""
 
+PRIORITY: Final = -10
+"""Of this process on the machine, as `nice` counts: it has little to do, and that at once."""
+
 RATE_FEATURE: Final = "AcquisitionFrameRate"
 
 STEPWISE_ADVICE: Final = 'Else set mode = "stepwise" in [scan]: the arm stands for each profile'
@@ -493,6 +496,8 @@ def _read_text(camera: Any, place: tuple[int, int]) -> str:
 def main() -> None:
     """Serve the main process's requests on the connection whose number is the only argument."""
     ignore_ctrl_c()
+    with suppress(OSError):  # if this user may: the library drops what is not taken within 20 ms
+        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     client, connection = GenicamClient(), Connection(int(sys.argv[1]))
     with suppress(EOFError, OSError):  # the main process is gone
         while True:
