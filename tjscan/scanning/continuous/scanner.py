@@ -227,10 +227,12 @@ class ContinuousScanner(Scanner):
         """
         rests, self._path_before, start = False, path, self._length
         with self._arm.follow() as following:
+            stream = self._stream.placed(following, self._clock)
+            next(stream)  # a laser takes its time to begin
             if path.leads_on:
                 path = path.begun_from_rest(self._setup.arm.state().time)
                 following.replace(path.motion)
-            for placed in self._stream.placed(following, self._clock):
+            for placed in stream:
                 self._stop.raise_if_stop_now()
                 for state, profile in placed:
                     self._take(state, profile)
@@ -244,8 +246,9 @@ class ContinuousScanner(Scanner):
                     path = self._lead_on(following, path)
                 # A laser that is silent is waited for, if it is still needed.
                 done = self._reason_to_stop() is not None
-                silence = 0.0 if done else self._poses.latest - self._stream.heard
-                if following.now - silence > path.end + SETTLING_TIME:
+                rest = path.end + SETTLING_TIME
+                behind = self._poses.latest - following.now
+                if following.now > rest if done else self._stream.has_passed(rest + behind):
                     return asked
         raise AssertionError("a stream has no end")
 
@@ -373,27 +376,30 @@ class ContinuousScanner(Scanner):
         profiles, arrivals, seen = [], [], []
         path = self._planner.shuttle(state.q, state.time)
         with self._arm.follow() as following:
+            stream = self._stream.profiles(following)
+            next(stream)
             path = path.begun_from_rest(self._setup.arm.state().time)
             following.replace(path.motion)
-            for profile in self._stream.profiles(following):
+            for profile in stream:
                 self._stop.raise_if_stop_now()
                 if profile is not None:
                     profiles.append(profile)
-                    arrivals.append(self._poses.latest - profile.time)
+                    arrivals.append(self._stream.heard - profile.time)
+                    if max(arrivals) - min(arrivals) > LATEST_ARRIVAL:
+                        raise errors.LaserFault(
+                            f"profiles came {min(arrivals):.1f} to {max(arrivals):.1f} s after "
+                            "their stamps: these are no times on a clock that runs evenly. Set the "
+                            "laser to stamp each profile in seconds, when it is taken"
+                        )
                     try:
                         seen.append((profile.time, self._setup.read(profile, prior=None)))
                     except errors.GrooveNotFound as error:
                         self._why_not_on = str(error)
-                if following.now > path.end + SETTLING_TIME:
-                    break
-        if arrivals and np.ptp(arrivals) > LATEST_ARRIVAL:
-            raise errors.LaserFault(
-                f"profiles came {min(arrivals):.1f} to {max(arrivals):.1f} s after their stamps: "
-                "these are no times on a clock that runs evenly. Set the laser to stamp each "
-                "profile in seconds when it is taken"
-            )
+                    behind = self._poses.latest - following.now
+                    if profile.time + min(arrivals) > path.end + behind + SETTLING_TIME:
+                        break
         # In each quarter of the way: a part of it tells a wrong offset as surely as the right one.
-        quarters = np.linspace(path.gone.times[0], self._poses.latest - SETTLING_TIME, 5)
+        quarters = np.linspace(path.gone.times[0], path.end + behind, 5)
         late = min(arrivals, default=0.0)
         read, _ = np.histogram([stamp + late for stamp, _ in seen], quarters)
         if read.min() < FEWEST_SHUTTLE_SECTIONS:
