@@ -127,7 +127,7 @@ class Watched:
         self.motions: dict[SimulatedFollowing, JointMotion] = {}
         self.reading = 0.0
         self._saved = (SimulatedLaser.stream, SimulatedFollowing.replace)
-        self._take = continuous_scanner.ContinuousScanner._read
+        self._take = continuous_scanner.ContinuousScanner._take
 
     def __enter__(self) -> Watched:
         stream, replace = self._saved
@@ -154,12 +154,12 @@ class Watched:
 
         SimulatedLaser.stream = heard  # type: ignore[method-assign,assignment]
         SimulatedFollowing.replace = replaced  # type: ignore[method-assign,assignment]
-        continuous_scanner.ContinuousScanner._read = timed  # type: ignore[method-assign,assignment]
+        continuous_scanner.ContinuousScanner._take = timed  # type: ignore[method-assign,assignment]
         return self
 
     def __exit__(self, *error: object) -> None:
         SimulatedLaser.stream, SimulatedFollowing.replace = self._saved  # type: ignore[method-assign]
-        continuous_scanner.ContinuousScanner._read = self._take  # type: ignore[method-assign]
+        continuous_scanner.ContinuousScanner._take = self._take  # type: ignore[method-assign]
 
 
 def from_second_pose(result: ScanResult) -> list[ProfileView]:
