@@ -13,7 +13,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Timer
-from time import sleep
+from time import process_time, sleep
 from typing import Any, Final
 
 import numpy as np
@@ -23,13 +23,17 @@ from scipy.interpolate import CubicSpline
 from tjscan.core.errors import ArmFault, TjscanError
 from tjscan.core.frames import Array
 from tjscan.job.files import read_scan_job
+from tjscan.laser.line_laser import StreamedProfile
+from tjscan.laser.optics import SimulatedLaser
 from tjscan.robot.arm import ArmState
 from tjscan.robot.following import Following, JointMotion
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.following import UrFollowing
 from tjscan.runs.scan.run import ScanContext, run_scan
+from tjscan.scanning.continuous.scanner import ContinuousScanner
 from tjscan.scanning.recording import read_recorded_scan
+from tjscan.scanning.section import ScannedSection, Substep
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.faults import InjectedFault
 
@@ -75,6 +79,8 @@ FAULTLESS: Final[dict[str, Any]] = {
     ),
 }
 """Of scans whose corners are compared; a profile that is another's twin does not count."""
+
+A_MINUTE: Final = {"scan.mode": "continuous", "scan.length_mm": 540.0, "scan.speed_mm_s": 9.0}
 
 SECTIONS_OF_START, SECTIONS_OF_END = 10, 3
 """Sections that are left out: at the start those of both arms are up to 0.15 mm off."""
@@ -205,6 +211,39 @@ def distance_apart(found: Array, reference: Array) -> float:
     return max(float(np.linalg.norm(fine - point, axis=1).min()) for point in inside)
 
 
+def rows_of_a_minute() -> Iterator[Row]:
+    """Profiles kept of those taken in a minute, and how late sections are read."""
+    stream, finish = SimulatedLaser.stream, ContinuousScanner._finish
+    taken, late = list[float](), list[float]()
+
+    def counted(laser: SimulatedLaser, period: float) -> Iterator[StreamedProfile]:
+        for streamed in stream(laser, period):
+            taken.append(streamed.profile.time)
+            yield streamed
+
+    def timed(scanner: ContinuousScanner, length: float, section: ScannedSection) -> None:
+        finish(scanner, length, section)
+        late.append(scanner._setup.arm.state().time - section.view.time)
+
+    SimulatedLaser.stream = counted  # type: ignore[method-assign, assignment]
+    ContinuousScanner._finish = timed  # type: ignore[method-assign, assignment]
+    try:
+        with TemporaryDirectory() as folder:
+            job = read_scan_job(PAPER, A_MINUTE | OVER_RTDE)
+            start = process_time()
+            run_scan(ScanContext(job, PAPER), Path(folder) / "run")
+            cores = process_time() - start
+            views = read_recorded_scan(Path(folder) / "run").views
+    finally:
+        SimulatedLaser.stream, ContinuousScanner._finish = stream, finish  # type: ignore[method-assign]
+    kept = [view for view in views if view.substep in (Substep.PASSING, Substep.TAUGHT)]
+    seconds = kept[-1].time - kept[0].time
+    yield Row("a minute over RTDE: profiles a second", len(taken) / seconds, np.inf, "", 195)
+    yield Row("… not recorded, beside those before the arm follows", len(taken) - len(kept), 6)
+    yield Row("… a section read after it was passed, p99", float(np.percentile(late, 99)), 1, "s")
+    yield Row("… cores, simulated laser and all", cores / seconds, np.inf)
+
+
 def over_rtde_rows(faults: int) -> Iterator[Row]:
     """Measure every bar, with so many faults."""
     random = np.random.default_rng()
@@ -215,6 +254,7 @@ def over_rtde_rows(faults: int) -> Iterator[Row]:
         yield Row(
             "over RTDE: corners from those of the simulated arm", 1e3 * max(apart), 0.05, "mm"
         )
+        yield from rows_of_a_minute()
         kinds = islice(cycle(ENDING + PASSING), faults)
         found = [try_fault(loopback, one, random.uniform(0.0, LONGEST_WAIT)) for one in kinds]
     offs, ends, recorded = np.array(found).T
