@@ -105,7 +105,7 @@ class Watch:
         if not q:
             return 0.0
         fine = [path.at(np.arange(path.times[0], path.end + FINE, FINE))[0] for path in self.paths]
-        away, _ = cKDTree(np.concatenate(fine)).query(q, p=np.inf)
+        away, _ = cKDTree(np.concatenate(fine)).query(np.array(q), p=np.inf)
         return float(np.max(away))
 
     @contextmanager
