@@ -117,10 +117,11 @@ class Watched:
 
         def heard(laser: SimulatedLaser, period: float) -> Iterator[Any]:
             model = laser.model
-            for profile in stream(laser, period):
+            for streamed in stream(laser, period):
+                profile = streamed.profile
                 true = profile.time / (1.0 + model.clock_drift) - model.clock_offset
                 watched.true_times[profile.digest] = true
-                yield profile
+                yield streamed
 
         def replaced(following: SimulatedFollowing, motion: JointMotion) -> None:
             replace(following, motion)

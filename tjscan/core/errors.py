@@ -288,6 +288,10 @@ class ProfileFormatRefused(LaserFault):
     """What the laser sends, or states about it, can't be turned into millimetres."""
 
 
+class LaserStampsRefused(LaserFault):
+    """What the laser says of when its profiles were taken can't be relied on."""
+
+
 class ProfileNotReceived(LaserFault):
     """The laser answers, but none of several triggers brought a whole profile."""
 

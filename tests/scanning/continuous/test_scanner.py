@@ -11,6 +11,7 @@ from cells import CLOCKWISE, PAPER, Notes, example_corner_errors
 from continuous_scans import HeardThrough, flange_speeds, passing_views, scan_continuously
 
 from tjscan.core.errors import ArmFault, ConfigurationError, LaserFault
+from tjscan.laser.line_laser import StreamedProfile
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
 from tjscan.scanning.journal import ScanEvent, StopReason, reason_to_stop
@@ -51,7 +52,7 @@ def test_every_profile_is_recorded_before_its_section() -> None:
 
 def test_a_silent_laser_brings_the_arm_to_rest_on_the_path_and_it_goes_on() -> None:
     notes = Notes()
-    silent = HeardThrough(lambda n, profile: None if 260 <= n < 700 else profile)
+    silent = HeardThrough(lambda n, profile: None if 300 <= n < 740 else profile)
     result = scan_continuously({}, notes=notes, through=silent)
     assert result.stop is StopReason.LENGTH
     steps = np.linalg.norm(np.diff([s.T_b_g[:3, 3] for s in result.sections], axis=0), axis=1)
@@ -138,14 +139,15 @@ def test_a_groove_that_closes_ends_the_scan_where_it_began(monkeypatch: pytest.M
     assert flange_speeds(passing_views(notes))[-3:].max() < AT_REST
 
 
-@pytest.mark.parametrize("hidden", [range(130), range(60, 400)], ids=["first", "most"])
+@pytest.mark.parametrize("hidden", [range(190), range(60, 400)], ids=["first", "most"])
 def test_a_shuttle_that_does_not_see_the_groove_all_the_way_is_refused(hidden: range) -> None:
     blank = np.full(640, np.nan)
 
     class Blinded(HeardThrough):
-        def stream(self, period: float) -> Iterator[Profile | None]:
-            for n, profile in enumerate(self.laser.stream(period)):
-                yield replace(profile, x_s=blank, z_s=blank) if n in hidden else profile
+        def stream(self, period: float) -> Iterator[StreamedProfile | None]:
+            for n, streamed in enumerate(self.laser.stream(period)):
+                hides = replace(streamed.profile, x_s=blank, z_s=blank)
+                yield StreamedProfile(hides) if n in hidden else streamed
 
     with pytest.raises(LaserFault, match="quarters"):
         scan_continuously({}, through=Blinded(lambda n, profile: profile))
@@ -162,9 +164,10 @@ def test_stamps_that_leap_end_the_scan_as_a_fault() -> None:
 
 def test_profiles_taken_before_the_arm_follows_are_left_out() -> None:
     class Buffering(HeardThrough):
-        def stream(self, period: float) -> Iterator[Profile | None]:
-            for n, profile in enumerate(self.laser.stream(period)):
-                yield replace(profile, time=profile.time - 0.5) if n == 0 else profile
+        def stream(self, period: float) -> Iterator[StreamedProfile | None]:
+            for n, streamed in enumerate(self.laser.stream(period)):
+                early = replace(streamed.profile, time=streamed.profile.time - 0.5)
+                yield StreamedProfile(early) if n < 2 else streamed
 
     notes = Notes()
     result = scan_continuously({}, notes=notes, through=Buffering(lambda n, profile: profile))

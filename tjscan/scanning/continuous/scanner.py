@@ -214,10 +214,12 @@ class ContinuousScanner(Scanner):
         """
         rests, self._path_before, start = False, path, self._length
         with self._arm.follow() as following:
+            stream = self._stream.placed(following, self._clock)
+            next(stream)  # a laser takes its time to begin
             if path.leads_on:
                 path = path.begun_from_rest(self._setup.arm.state().time)
                 following.replace(path.motion)
-            for placed in self._stream.placed(following, self._clock):
+            for placed in stream:
                 self._stop.raise_if_stop_now()
                 for state, profile in placed:
                     self._take(state, profile)
@@ -230,9 +232,9 @@ class ContinuousScanner(Scanner):
                     self._planned_length = self._length
                     path = self._lead_on(following, path)
                 # A laser that is silent is waited for, if it is still needed.
-                done = self._reason_to_stop() is not None
-                heard = self._poses.latest if done else self._stream.heard
-                if heard > path.end + SETTLING_TIME:
+                rest = path.end + SETTLING_TIME
+                done = self._reason_to_stop() is not None and self._poses.latest > rest
+                if done or self._stream.has_passed(rest):
                     return asked
         raise AssertionError("a stream has no end")
 
@@ -347,19 +349,21 @@ class ContinuousScanner(Scanner):
         profiles, arrivals, seen = [], [], []
         path = self._planner.shuttle(state.q, state.time)
         with self._arm.follow() as following:
+            stream = self._stream.profiles(following)
+            next(stream)
             path = path.begun_from_rest(self._setup.arm.state().time)
             following.replace(path.motion)
-            for profile in self._stream.profiles(following):
+            for profile in stream:
                 self._stop.raise_if_stop_now()
                 if profile is not None:
                     profiles.append(profile)
-                    arrivals.append(self._poses.latest - profile.time)
+                    arrivals.append(self._stream.heard - profile.time)
                     try:
                         seen.append((profile.time, self._setup.read(profile, prior=None)))
                     except errors.GrooveNotFound as error:
                         self._why_not_on = str(error)
-                if self._poses.latest > path.end + SETTLING_TIME:
-                    break
+                    if profile.time + min(arrivals) > path.end + SETTLING_TIME:
+                        break
         # In each quarter of the way: a part of it tells a wrong offset as surely as the right one.
         quarters = np.linspace(path.gone.times[0], path.end, 5)
         late = min(arrivals, default=0.0)
