@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.config import table_to_dict
-from tjscan.core.errors import JointOutOfReach, PathBlocked, PoseUnreachable
+from tjscan.core.errors import JointOutOfReach, PoseUnreachable
 from tjscan.core.frames import Array, Mask, inverse_pose, pose, rot_y, transform_points
 from tjscan.job.cell import sensor_mount_of_job
 from tjscan.job.files import ScanJob, read_scan_job
@@ -306,10 +306,10 @@ def _home(searched: _Search, arc: ReachedArc, first: Array) -> Array:
         T_b_f = first @ T_f_s @ pose(p=(0.0, 0.0, -retreat)) @ searched.T_s_f
         try:
             home = searched.kinematics.inverse(T_b_f, near=q)
-            planner.check_motion_is_clear(np.array([home, q]))
-        except (PoseUnreachable, PathBlocked):
+        except PoseUnreachable:
             continue
-        return home
+        if planner.line_is_clear(home, q):
+            return home
     return np.asarray(q)
 
 
