@@ -226,7 +226,7 @@ def test_smoothing_takes_noise_away_and_leaves_a_parabola_and_a_jump() -> None:
         off = smooth_corners(sections) - np.array([one.points_b[1:4] for one in straight])
         return np.asarray(off[:, 0] @ sections[0].view.T_b_s[:3, 0])
 
-    np.testing.assert_allclose(smoothed(way), way, atol=1e-7)
+    np.testing.assert_allclose(smoothed(way), way, atol=3e-7)  # over its chords, not over s
     left = smoothed(way + noise)[4:-4] - way[4:-4]
     assert left.std() < 0.75 * noise.std()
     over = smoothed(step + noise)
