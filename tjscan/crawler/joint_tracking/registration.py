@@ -125,6 +125,8 @@ class ReferenceProfile:
         Into the hull, in metres.
     slope : ndarray, shape (n,)
         Of the depth.
+    change : ndarray, shape (n,)
+        Of the depth for each metre along the joint.
     noise : ndarray, shape (n,)
         Standard deviation of the depths, with their changes along the joint, in metres.
     wander : ndarray, shape (2,)
@@ -142,6 +144,7 @@ class ReferenceProfile:
     across: Array
     depth: Array
     slope: Array
+    change: Array
     noise: Array
     wander: Array
     centre_sigma: float
@@ -153,6 +156,7 @@ class ReferenceProfile:
         cls,
         profiles: Sequence[Profile],
         placements: Sequence[JointPlacement],
+        beyond: Sequence[float],
         noise: float,
         before: ReferenceProfile | None = None,
     ) -> ReferenceProfile:
@@ -165,6 +169,8 @@ class ReferenceProfile:
             holds: fewer keep their noise and their arc light.
         placements : sequence of JointPlacement
             Where the joint was read in each.
+        beyond : sequence of float
+            How far along the joint each is beyond the place, in metres.
         noise : float
             Standard deviation of one profile's z, in metres.
         before : ReferenceProfile, optional
@@ -181,6 +187,11 @@ class ReferenceProfile:
         # Within a cell of a steep side depth changes, too.
         aside = u - REFERENCE_PITCH * cells[index]
         level = h - aside * np.interp(u, across, _smoothed_slope(depth))
+        # A bead rises and falls along the joint, and more than elsewhere where it ends.
+        along = np.repeat(beyond, [len(part[0]) for part in parts])
+        change = np.interp(across, REFERENCE_PITCH * cells, _changes_along(index, along, level))
+        change = _convolve_padded(change, np.full(SLOPE_POINTS, 1 / SLOPE_POINTS))
+        level -= along * np.interp(u, across, change)
         middle = _medians_by_index(index, level)
         spread = MAD_TO_SIGMA * _medians_by_index(index, np.abs(level - middle[index]))
         depth, spread = (np.interp(across, REFERENCE_PITCH * cells, v) for v in (middle, spread))
@@ -200,7 +211,11 @@ class ReferenceProfile:
         wander = np.sqrt(np.maximum(steps.mean(axis=0) - expected, 0.0))
         rough = np.sqrt(own + changes)
         width, closing = _width_and_closing(placements, before)
-        return cls(across, depth, slope, rough, wander, centre_sigma, width, closing)
+        return cls(across, depth, slope, change, rough, wander, centre_sigma, width, closing)
+
+    def seen_from(self, beyond: float) -> ReferenceProfile:
+        """What it looked like so many metres beyond its place."""
+        return replace(self, depth=self.depth + beyond * self.change)
 
 
 def _width_and_closing(
@@ -232,6 +247,18 @@ def _smoothed_slope(depth: Array) -> Array:
 def _convolve_padded(values: Array, window: Array) -> Array:
     padded = np.pad(values, len(window) // 2, mode="edge")
     return np.convolve(padded, window, mode="valid")
+
+
+def _changes_along(index: NDArray[np.intp], along: Array, values: Array) -> Array:
+    """Change of the values of each index along the joint, which all occur; 0 where it is not seen."""
+    count, halves = index.max() + 1, []
+    for half in (along < 0, along > 0):
+        seen, part = np.unique(index[half], return_inverse=True)
+        places = np.full((2, count), np.nan)
+        places[:, seen] = [_medians_by_index(part, v[half]) for v in (along, values)]
+        halves.append(places)
+    step = halves[1] - halves[0]
+    return np.nan_to_num(step[1] / step[0])
 
 
 def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
