@@ -250,15 +250,14 @@ def _convolve_padded(values: Array, window: Array) -> Array:
 
 
 def _changes_along(index: NDArray[np.intp], along: Array, values: Array) -> Array:
-    """Change of the values of each index along the joint, which all occur; 0 where it is not seen."""
-    count, halves = index.max() + 1, []
-    for half in (along < 0, along > 0):
+    """Change of the values of each index for each metre along; 0 where one half is not seen."""
+    middles = np.full((2, 2, index.max() + 1), np.nan)
+    for half, middle in zip((along < 0, along > 0), middles, strict=True):
         seen, part = np.unique(index[half], return_inverse=True)
-        places = np.full((2, count), np.nan)
-        places[:, seen] = [_medians_by_index(part, v[half]) for v in (along, values)]
-        halves.append(places)
-    step = halves[1] - halves[0]
-    return np.nan_to_num(step[1] / step[0])
+        if len(seen):
+            middle[:, seen] = [_medians_by_index(part, v[half]) for v in (along, values)]
+    step, rise = middles[1] - middles[0]
+    return np.nan_to_num(rise / step)
 
 
 def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
