@@ -94,7 +94,7 @@ class JointMemory:
                 places, profiles, placements = zip(*near, strict=True)
                 beyond = np.subtract(places, place)
                 before = self._references.get(self._next)
-                made = ReferenceProfile.from_profiles(profiles, placements, beyond, noise, before)
+                made = ReferenceProfile.from_profiles(profiles, placements, noise, before, beyond)
                 self._references[self._next] = made
             self._next -= 1
             self._seen = [row for row in self._seen if row[0] < place + STATION_LENGTH / 2]

@@ -37,11 +37,8 @@ FEWEST_ON_REFERENCE: Final = 40
 LEAST_SEEN_SHARE_OF_SIDE, LARGEST_SHARE_OF_HIDDEN_SIDE = 0.1, 0.3
 """Share of what each side of a reference shows of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree. And
-up to which a side counts as hidden if a bead covers its edge, for outlines cross there, too."""
-
-CROSSING_SIGMA: Final = 0.3e-3
-"""Metres by which a side up to that share is misplaced across, as a standard deviation, if no bead
-is seen to cover its edge: what seems to be left of it may be where a bead's outline crosses it."""
+up to which a side counts as hidden: where a bead's outline crosses it, it agrees by chance, by up
+to 1 mm wrong, and alike over the length of a reference."""
 
 EDGE_SLOPE, BEVEL_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 0.8, 1e-3, 0.2e-3
 """Slope from which a reference is no plate, and from which no bead's toe; and metres to both sides
@@ -156,9 +153,9 @@ class ReferenceProfile:
         cls,
         profiles: Sequence[Profile],
         placements: Sequence[JointPlacement],
-        beyond: Sequence[float],
         noise: float,
         before: ReferenceProfile | None = None,
+        beyond: Array | float = 0.0,
     ) -> ReferenceProfile:
         """Take the median of some profiles of one place.
 
@@ -169,12 +166,12 @@ class ReferenceProfile:
             holds: fewer keep their noise and their arc light.
         placements : sequence of JointPlacement
             Where the joint was read in each.
-        beyond : sequence of float
-            How far along the joint each is beyond the place, in metres.
         noise : float
             Standard deviation of one profile's z, in metres.
         before : ReferenceProfile, optional
             What the joint looked like here a pass before.
+        beyond : float or ndarray, shape (k,), optional
+            How far beyond the place along the joint each is, in metres.
         """
         parts = [
             placement.joint_coordinates(profile.x_s[profile.valid], profile.z_s[profile.valid])
@@ -188,7 +185,8 @@ class ReferenceProfile:
         aside = u - REFERENCE_PITCH * cells[index]
         level = h - aside * np.interp(u, across, _smoothed_slope(depth))
         # A bead rises and falls along the joint, and more than elsewhere where it ends.
-        along = np.repeat(beyond, [len(part[0]) for part in parts])
+        counts = [len(part[0]) for part in parts]
+        along = np.repeat(np.broadcast_to(beyond, len(parts)), counts)
         change = np.interp(across, REFERENCE_PITCH * cells, _changes_along(index, along, level))
         change = _convolve_padded(change, np.full(SLOPE_POINTS, 1 / SLOPE_POINTS))
         level -= along * np.interp(u, across, change)
@@ -201,7 +199,7 @@ class ReferenceProfile:
         changes = np.maximum(variance - noise**2, 0.0)
         slope, centre_sigma = _smoothed_slope(depth), _sigma_of_mean(placements)
         # What each profile shows of either side is laid on the reference for itself.
-        side = 2 * np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts]) + (u > 0)
+        side = 2 * np.repeat(np.arange(len(parts)), counts) + (u > 0)
         lever = np.interp(u, across, slope)
         off = np.clip(level - middle[index], -STRAY_DEPTH, STRAY_DEPTH)
         information = np.bincount(side, lever**2, 2 * len(parts)) + 1e-12
@@ -335,14 +333,10 @@ def register_profile(
             break
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
-    crossed = [0.0, 0.0]
     if not by_one_side:
-        points = (u, deep - place[1], slope, spread)
-        shown = _side_hidden(reference, points, away, weight)
-        if shown is None:
+        hidden = _side_hidden(reference, (u, deep - place[1], slope, spread), away, weight)
+        if hidden is None:
             return None
-        hidden, seen = shown
-        crossed = [CROSSING_SIGMA * (share < LARGEST_SHARE_OF_HIDDEN_SIDE) for share in seen]
         if hidden:
             # Where the bead's outline crosses the reference its points seem to lie on it.
             left = hidden * u > _edge_of(reference, hidden) + EDGE_HALF_WIDTH
@@ -354,8 +348,7 @@ def register_profile(
     excess = max(float(weight @ (away / spread) ** 2) / float(weight.sum()), 1.0)
     moves = np.linalg.solve(information, moves)
     variance = excess * float(moves @ information @ moves)
-    aside = np.hypot(reference.wander, crossed)
-    for side, sigma in zip((u < 0, u > 0), aside, strict=True):
+    for side, sigma in zip((u < 0, u > 0), reference.wander, strict=True):
         variance += (sigma * float(moves @ (weighted[side].T @ slope[side]))) ** 2
     # By one side half the width tells where the middle is.
     shared = hypot(reference.centre_sigma, by_one_side * reference.closing / 2)
@@ -371,10 +364,8 @@ def register_profile(
 
 def _side_hidden(
     reference: ReferenceProfile, points: tuple[Array, ...], away: Array, weight: Array
-) -> tuple[int, list[float]] | None:
+) -> int | None:
     """The side that a bead hides: -1 or 1, or 0 if both show where the joint is; None if none does.
-
-    And the share of each side that is seen.
 
     Parameters
     ----------
@@ -387,22 +378,20 @@ def _side_hidden(
     """
     u, depth, slope, spread = points
     information = (slope / spread) ** 2
-    seen, covered = [], []
+    seen: list[float] = []
     for outward in (-1, 1):
         side = outward * u > 0
         total = max(float(information[side].sum()), 1e-12)
         seen.append(float(weight[side] @ information[side]) / total)
-        covered.append(
-            seen[-1] < LARGEST_SHARE_OF_HIDDEN_SIDE
-            and _is_covered(outward * u[side], depth[side], reference, outward)
-        )
-        if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE and not covered[-1]:
+        if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE and not _is_covered(
+            outward * u[side], depth[side], reference, outward
+        ):
             return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if information[side] @ deeper > MOST_DEEPER_SHARE * total:
             return None
-    if not any(covered):
-        return 0, seen
+    if min(seen) > LARGEST_SHARE_OF_HIDDEN_SIDE:
+        return 0
     hidden = -1 if seen[0] < seen[1] else 1
     edge = np.abs(-hidden * u - _edge_of(reference, -hidden)) < EDGE_HALF_WIDTH
     is_shown = max(seen) > LEAST_SEEN_SHARE_OF_ONE_SIDE or (
@@ -411,7 +400,7 @@ def _side_hidden(
         and np.abs(slope[edge]).max() > BEVEL_SLOPE
     )
     changes = np.median(reference.noise[np.abs(reference.slope) > EDGE_SLOPE])
-    return (hidden, seen) if is_shown and changes < LARGEST_CHANGE_ALONG else None
+    return hidden if is_shown and changes < LARGEST_CHANGE_ALONG else None
 
 
 def _is_covered(out: Array, depth: Array, reference: ReferenceProfile, outward: int) -> bool:
