@@ -18,8 +18,9 @@ from tjscan.crawler.joint_tracking.registration import JointPlacement, Reference
 from tjscan.crawler.joint_tracking.tracking import REGISTERED_JOINT, ButtJointReading, JointTracker
 from tjscan.laser.profile import Profile
 
-STATION_LENGTH, STATION_STEP = 5e-3, 1e-3
-"""Metres along the joint that a reference is the median of, about its place, and between two."""
+STATION_LENGTH, STATION_STEP = 4e-3, 1e-3
+"""Metres along the joint that a reference is the median of, about its place, and between two: over
+a longer way a bead's toe does not go to one side evenly."""
 
 PROFILE_SPACING: Final = 0.5e-3
 """Metres between two profiles that are remembered."""
