@@ -34,7 +34,7 @@ SETTLED_SHIFT: Final = 1e-6
 FEWEST_ON_REFERENCE: Final = 40
 """Points that must lie on the reference."""
 
-LEAST_SEEN_SHARE_OF_SIDE, LARGEST_SHARE_OF_HIDDEN_SIDE = 0.15, 0.3
+LEAST_SEEN_SHARE_OF_SIDE, LARGEST_SHARE_OF_HIDDEN_SIDE = 0.13, 0.3
 """Share of what each side of a reference shows of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree. And
 up to which a side counts as hidden: where a bead's outline crosses it, it agrees by chance, by up
