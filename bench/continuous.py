@@ -1,6 +1,6 @@
 """The continuous scan of the paper's joint and of others: time, sections, corners, clocks, limits.
 
-``--quick`` takes two seeds and fewer joints.
+``--quick`` takes fewer seeds, joints and faults.
 """
 
 from __future__ import annotations
@@ -23,7 +23,11 @@ from typing import Any, Final
 
 import numpy as np
 import tomli_w
+from _following_over_rtde import ENDING, PASSING, over_rtde_rows
 from _table import Row, main
+from scipy.interpolate import make_interp_spline
+from yard import JOB as YARD
+from yard import WAYS as YARD_WAYS
 
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
@@ -39,10 +43,14 @@ from tjscan.robot.simulated_following import CONTROLLER_TICK, SimulatedFollowing
 from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.continuous import scanner as continuous_scanner
 from tjscan.scanning.continuous.smoothing import smooth_corners
-from tjscan.scanning.journal import ScanEvent, ScanResult
+from tjscan.scanning.journal import ScanEvent, ScanResult, plan_is_fulfilled
 from tjscan.scanning.plan import view_deviation
 from tjscan.scanning.section import ProfileView, ScannedSection, SetPoint, Substep
-from tjscan.scanning.sections_before import PLANNING_SPACING, planning_sections
+from tjscan.scanning.sections_before import (
+    PLANNING_SPACING,
+    name_tack_ends,
+    planning_sections,
+)
 from tjscan.scanning.target import correction_target_pose
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
@@ -58,6 +66,15 @@ AT_REST: Final = 1e-3
 """Metres per second: slower is at rest."""
 GIVEN: Final = 0.4
 """Millimetres: a corner stated better than that is given."""
+
+WRONG: Final = 0.5
+"""Millimetres: a corner further off is wrong."""
+
+BESIDE_TACK: Final = 4.1
+"""Millimetres from a tack's end to a section that is named with it, at most."""
+
+YARD_SEEDS: Final = tuple(range(1, 5))
+FAULTS: Final = 200
 
 
 @dataclass(frozen=True)
@@ -80,8 +97,8 @@ class Followed:
         Of set-points over a limit: the largest ratio.
     cores : float
         CPU time of fusing and reading over the time of the motion.
-    stepwise : int
-        Steps that were made from rest.
+    stepwise, retreats : int
+        Steps that were made from rest, and returns to the last section.
     """
 
     time: float
@@ -96,6 +113,7 @@ class Followed:
     excess: float
     cores: float
     stepwise: int
+    retreats: int
 
 
 class Watched:
@@ -106,7 +124,7 @@ class Watched:
 
     def __init__(self) -> None:
         self.true_times: dict[bytes, float] = {}
-        self.motions: dict[int, JointMotion] = {}
+        self.motions: dict[SimulatedFollowing, JointMotion] = {}
         self.reading = 0.0
         self._saved = (SimulatedLaser.stream, SimulatedFollowing.replace)
         self._take = continuous_scanner.ContinuousScanner._read
@@ -117,14 +135,15 @@ class Watched:
 
         def heard(laser: SimulatedLaser, period: float) -> Iterator[Any]:
             model = laser.model
-            for profile in stream(laser, period):
+            for streamed in stream(laser, period):
+                profile = streamed.profile
                 true = profile.time / (1.0 + model.clock_drift) - model.clock_offset
                 watched.true_times[profile.digest] = true
-                yield profile
+                yield streamed
 
         def replaced(following: SimulatedFollowing, motion: JointMotion) -> None:
             replace(following, motion)
-            watched.motions[id(following)] = following._motion
+            watched.motions[following] = following._motion
 
         def timed(scanner: Any, *arguments: Any) -> None:
             start = time.process_time()
@@ -219,6 +238,7 @@ def follow(key: tuple[str, int, tuple[tuple[str, Any], ...]]) -> Followed:
         ),
         cores=watched.reading / float(times[end] - times[0]),
         stepwise=result.counts.stepwise,
+        retreats=result.counts.retreats,
     )
 
 
@@ -307,15 +327,100 @@ def rows_of_joints(*, thin: bool) -> Iterator[Row]:
     yield Row(f"{whole_joints}: complete", len(whole) / len(rows), np.inf, at_least=0.99)
     far = sum(float(row["corner_p95_mm"]) > GIVEN for row in whole)
     yield Row(f"{whole_joints}: corners' p95 over {GIVEN} mm", far, 0)
-    yield Row(
-        f"{whole_joints}: with steps from rest", sum(int(r["stepwise"]) > 0 for r in rows), np.inf
-    )
+    for what, name in (("steps from rest", "stepwise"), ("returns", "retreats")):
+        some = sum(int(row[name]) > 0 for row in rows)
+        yield Row(f"{whole_joints}: with {what}", some, np.inf)
     ratios = [
         float(row["motion_time_s"]) / known[key_of(row)]
         for row in whole
         if key_of(row) in known and row["stepwise"] == "0"
     ]
     yield Row("motion time over case 3's steps, other joints, median", median(ratios), 0.45)
+
+
+@dataclass(frozen=True)
+class FollowedYard:
+    """A continuous scan of the yard's joint.
+
+    Parameters
+    ----------
+    sections : int
+        Of the result.
+    read : float
+        Share of a section every 2 mm that they are; 0 if the scan did not end as asked.
+    wrong, sure, smoothed : int
+        Sections off tacks with a corner over `WRONG` off: as read; of those stated better than
+        `GIVEN`; smoothed.
+    unnamed, beside : int
+        Sections on a tack that are not named, and named ones further than `BESIDE_TACK` from one.
+    fallbacks : int
+        Steps from rest and returns.
+    """
+
+    sections: int
+    read: float
+    wrong: int
+    sure: int
+    smoothed: int
+    unnamed: int
+    beside: int
+    fallbacks: int
+
+
+def follow_yard(key: tuple[str, int]) -> FollowedYard:
+    """Scan the yard's joint without stopping."""
+    way, seed = key
+    job = read_scan_job(YARD, YARD_WAYS[way] | CONTINUOUS | {"simulation.seed": seed})
+    context = ScanContext(job, YARD)
+    assert job.joint is not None
+    assert context.joint is not None
+    result = scan_in_cell(context.make_cell(), job, CombinedJournal())
+    sections = list(name_tack_ends(result.sections))
+    read = np.array([section.points_b[1:4] for section in sections])
+    errors = corner_errors(sections, read, context)
+    smoothed = corner_errors(sections, smooth_corners(sections), context)
+    covariances = np.array([section.groove.corner_covariances_s for section in sections])
+    sure = 1e3 * np.sqrt(np.trace(covariances, axis1=2, axis2=3)) < GIVEN
+    T_r_b = JointOrBaseFrame(job.joint.T_w_j).T_r_b
+    edges, roots = (
+        feature_edges(context.joint),
+        [transform_points(T_r_b, read[:, k]) for k in (1, 2)],
+    )
+    covered = edges.on_tack(roots[0]) | edges.on_tack(roots[1])
+    named = np.array([section.groove.on_tack for section in sections])
+    places = np.arange(0.0, len(sections) - 1.0, 0.05)
+    fine = [make_interp_spline(range(len(sections)), one, k=1)(places) for one in roots]
+    tacks = fine[0][edges.on_tack(fine[0]) | edges.on_tack(fine[1])]
+    away = 1e3 * np.linalg.norm(roots[0][:, None] - tacks, axis=2).min(axis=1)
+    done = plan_is_fulfilled(result.stop, job.scan)
+    asked = 1 + groove_between(result) / job.scan.section_spacing
+    wrong, stated, smooth = (
+        int((off[~named] > WRONG).any(axis=1).sum())
+        for off in (errors, np.where(sure, errors, 0.0), smoothed)
+    )
+    return FollowedYard(
+        sections=len(sections),
+        read=len(sections) / asked if done else 0.0,
+        wrong=wrong,
+        sure=stated,
+        smoothed=smooth,
+        unnamed=int((covered & ~named).sum()),
+        beside=int((named & (away > BESIDE_TACK)).sum()),
+        fallbacks=result.counts.stepwise + result.counts.retreats,
+    )
+
+
+def rows_of_yard(found: list[FollowedYard]) -> Iterator[Row]:
+    """The yard's joint, both ways."""
+    total = {name: sum(getattr(one, name) for one in found) for name in vars(found[0])}
+    name = f"yard, {total['sections']} sections of {len(found)} scans"
+    yield Row(f"{name}: read, worst", min(one.read for one in found), np.inf, at_least=0.97)
+    yield Row(f"yard: a corner over {WRONG} mm wrong off tacks, as read", total["wrong"], 0)
+    yield Row(f"yard: … of those stated better than {GIVEN} mm", total["sure"], 0)
+    yield Row("yard: … smoothed", total["smoothed"], 0)
+    yield Row("yard: on a tack and not named", total["unnamed"], 0)
+    yield Row("yard: named over 4 mm from a tack", total["beside"], 0)
+    yield Row("yard: steps from rest and returns", total["fallbacks"], np.inf)
 
 
 def key_of(row: dict[str, str]) -> tuple[str, ...]:
@@ -333,6 +438,7 @@ def measure(*, quick: bool) -> list[Row]:
         found = list(pool.map(follow, plain))
         without = list(pool.map(follow, exact))
         steps = list(pool.map(step_time, product(WAYS, seeds)))
+        yard = list(pool.map(follow_yard, product(YARD_WAYS, YARD_SEEDS[: 1 if quick else None])))
     ratios = [one.time / peer for one, peer in zip(found, steps, strict=True)]
     errors, off, smooth = (
         np.concatenate([getattr(one, name) for one in runs])
@@ -354,6 +460,7 @@ def measure(*, quick: bool) -> list[Row]:
             "at rest between the second pose and the end, worst", max(o.rest for o in found), 0, "s"
         ),
         Row("steps from rest, all runs", sum(o.stepwise for o in found), 0),
+        Row("returns to the last section, all runs", sum(o.retreats for o in found), 0),
         Row("sections, worst", min(o.sections for o in found), np.inf, at_least=0.995),
         Row("corners, mean", float(np.nanmean(errors)), 0.055, "mm"),
         Row("corners, p95", p95(errors), 0.11, "mm"),
@@ -374,6 +481,8 @@ def measure(*, quick: bool) -> list[Row]:
         Row("work angle off, p95", p95(angles), 3, "deg"),
         Row("set-point over its limit, largest ratio", max(o.excess for o in found), 1.02),
         Row("cores for fusing and reading, median", median(o.cores for o in found), 0.5),
+        *rows_of_yard(yard),
+        *over_rtde_rows(len(ENDING + PASSING) if quick else FAULTS),
         *rows_of_joints(thin=quick),
     ]
 

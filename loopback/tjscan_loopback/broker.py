@@ -22,9 +22,16 @@ def find_mosquitto() -> str | None:
 
 
 class MosquittoProcess:
-    """Process of a broker on 127.0.0.1 and a free port; a context manager starts and ends it."""
+    """Process of a broker on 127.0.0.1 and a free port; a context manager starts and ends it.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    *settings : str
+        Further lines of its configuration.
+    """
+
+    def __init__(self, *settings: str) -> None:
+        self._settings = settings
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.port: int = probe.getsockname()[1]
@@ -63,8 +70,10 @@ class MosquittoProcess:
             raise ConfigurationError("mosquitto is not installed: sudo apt-get install mosquitto")
         file = Path(self._directory.name) / "mosquitto.conf"
         file.write_text(
+            "per_listener_settings true\n"
             f"listener {self.port} 127.0.0.1\n"
-            "allow_anonymous true\npersistence false\nset_tcp_nodelay true\n",
+            "allow_anonymous true\npersistence false\nset_tcp_nodelay true\n"
+            + "\n".join(self._settings),
             encoding="utf-8",
         )
         self._process = subprocess.Popen(

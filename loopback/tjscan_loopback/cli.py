@@ -72,6 +72,7 @@ def laser_loopback(
     host: str = "127.0.0.4",
     arm: str | None = None,
     serial: str = "1",
+    clock: tuple[float, float] = (0.0, 0.0),
     attached: bool = False,
 ) -> None:
     """Simulate a GigE Vision line laser on this machine, until interrupted.
@@ -79,7 +80,8 @@ def laser_loopback(
     It sends the profiles of a job's simulated laser, or of a recording, one after another.
     Every key of the job file is an option too. A line on stdin commands a fault: loss PER_CENT,
     duplicate, reorder, lose-leader, lose-trailer, late, stale, buffered, silent, taken, reboot,
-    wrong-format, unit-pixel, missing-features or all-invalid; clear sets all right again.
+    wrong-format, unit-pixel, missing-features, all-invalid, no-clock, coarse-clock, wrong-clock
+    or no-stamp; clear sets all right again.
 
     Parameters
     ----------
@@ -95,6 +97,9 @@ def laser_loopback(
         stays at the job's first start pose.
     serial
         Its serial number.
+    clock
+        By how many seconds its clock is ahead of this machine's, and by how many millionths it
+        runs fast.
     attached
         End when stdin ends.
     """
@@ -108,6 +113,7 @@ def laser_loopback(
         host=host,
         arm=arm,
         serial=serial,
+        clock=clock,
         attached=attached,
     )
 

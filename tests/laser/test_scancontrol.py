@@ -11,11 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.core.errors import LaserFault, ProfileFormatRefused
+from tjscan.core.errors import LaserFault, LaserStampsRefused, ProfileFormatRefused
+from tjscan.laser.genicam.gige import ScanControlLaser
+from tjscan.laser.genicam.messages import StampedBlock
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
 from tjscan.laser.scancontrol import (
     CONTAINER_FIELD_WORDS,
+    middle_of_shutter,
     parse_scancontrol,
     scancontrol_profile_size,
 )
@@ -155,3 +158,33 @@ def test_whatever_comes_is_a_profile_or_a_fault_of_the_laser(data: st.DataObject
         return
     assert len(profile) == layout.points
     assert np.isfinite(profile.points_s).all()
+
+
+@given(opened=st.floats(0, 127.99), exposure=st.floats(1e-5, 1e-2))
+def test_the_middle_of_the_shutter_is_told_also_where_the_clock_begins_again(
+    opened: float, exposure: float
+) -> None:
+    raw = full_profile(raw_numbers(80), time_stamp(7, opened, opened + exposure))
+    off = (middle_of_shutter(raw) - opened - exposure / 2 + 64.0) % 128.0 - 64.0
+    assert abs(off) <= OFFSET_SECONDS
+
+
+def streamed(raw: bytes, number: int) -> StampedBlock:
+    return StampedBlock(raw, "Mono8", 0, 0, number=number, ticks=0, came=0.0)
+
+
+def test_times_of_a_stream_rise_on_where_the_clock_begins_again() -> None:
+    laser = ScanControlLaser(settings(points=80), float)
+    true = np.arange(120.0, 400.0, 1.7)
+    times = [
+        laser._time_of_stamp(streamed(full_profile(raw_numbers(80), time_stamp(k, t, t + 1e-3)), k))
+        for k, t in enumerate(true)
+    ]
+    np.testing.assert_allclose(np.diff(times), 1.7, atol=2 * OFFSET_SECONDS)
+
+
+def test_what_tells_no_time_of_each_profile_is_refused_for_a_stream() -> None:
+    laser = ScanControlLaser(settings(points=80), float)
+    two = 2 * full_profile(raw_numbers(80), time_stamp(1, 1.0, 1.001))
+    with pytest.raises(LaserStampsRefused, match="several"):
+        laser._time_of_stamp(streamed(two, 1))

@@ -8,13 +8,14 @@ import pytest
 from _live_client import page_client
 from cells import PAPER, Notes, scan_example
 from command import tjscan
+from continuous_scans import scan_continuously
 
 from tjscan.core.errors import ScanInterrupted
 from tjscan.job.files import read_scan_job
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.page import Page, PageAddress
 from tjscan.recording.journal import RunEvent
-from tjscan.runs.live.scan import show_scan
+from tjscan.runs.live.scan import ScanShow, show_scan
 from tjscan.runs.scan.run import ScanContext
 from tjscan.runs.tasks import read_recorded_show
 from tjscan.scanning.recording import read_recorded_scan
@@ -138,3 +139,18 @@ def test_a_paused_scan_ends_as_by_ctrl_c() -> None:
     notes = PausesAndSteps("request_stop_now")
     with pytest.raises(ScanInterrupted):
         scan_example({}, notes=notes, stop=notes.stop)
+
+
+def test_a_scan_in_motion_shows_how_fast_it_goes_and_no_more_sections_than_there_are() -> None:
+    notes = Notes()
+    keys = {"scan.mode": "continuous", "scan.length_mm": 40.0}
+    scan_continuously(keys, notes=notes)
+    job = read_scan_job(PAPER, keys)
+    show = ScanShow(ScanContext(job, PAPER), "run")
+    steps = [show.step_of_entry(entry) for entry in (*notes.views[-1:], *notes.sections)]
+    assert steps[0].facts["doing"] == "following the groove"
+    speeds = [float(one.facts["speed"].split()[0]) for one in steps if "speed" in one.facts]
+    assert 20.0 < max(speeds) < 80.0
+    for step in steps[1:]:
+        done, _, total = step.facts["sections"].partition(" of ")
+        assert int(done) <= int(total)

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from tjscan.core.errors import ArmFault, ConfigurationError, PathNotExtended
 from tjscan.core.frames import Array
@@ -15,7 +16,7 @@ from tjscan.robot.path import MotionLimits
 from tjscan.robot.replay import ReplayedArm
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.simulated_following import CONTROLLER_TICK, WanderingError
-from tjscan.robot.time_optimal import PathTiming, joint_motion, path_through
+from tjscan.robot.time_optimal import PathTiming, joint_motion
 
 HOME = np.radians([-110.0, -95.0, 160.0, 105.0, -110.0, 0.0])
 SPEED = 0.07
@@ -36,18 +37,24 @@ def winding_path(scale: float = 1.0) -> tuple[Array, Array]:
     return lengths, HOME + lengths[:, None] * turn + scale * (wave - wave[0])
 
 
-def timed(start_speed: float = 0.0, scale: float = 1.0) -> JointMotion:
+def timed(
+    start_speed: float = 0.0, scale: float = 1.0, limits: MotionLimits | None = None
+) -> JointMotion:
     lengths, q = winding_path(scale)
-    path = path_through(lengths, q, None)
-    gone = PathTiming(arm(), MotionLimits(), SPEED).fastest(path, start_speed, 1.0)
+    path = CubicSpline(lengths, q)
+    gone = PathTiming(arm(), limits or MotionLimits(), SPEED).fastest(path, start_speed, 1.0)
     assert gone is not None
     return joint_motion(path, gone)
 
 
 @pytest.mark.parametrize("start_speed", [0.0, 0.03, 0.05])
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
-def test_a_motion_keeps_every_limit_at_every_tick(start_speed: float, scale: float) -> None:
-    motion, limits = timed(start_speed if scale < 2 else 0.0, scale), MotionLimits()
+@pytest.mark.parametrize("tcp_acceleration", [1.2, 0.1])
+def test_a_motion_keeps_every_limit_at_every_tick(
+    start_speed: float, scale: float, tcp_acceleration: float
+) -> None:
+    limits = MotionLimits(tcp_acceleration=tcp_acceleration)
+    motion = timed(start_speed if scale < 2 else 0.0, scale, limits)
     ticks = np.arange(1.0, motion.end, CONTROLLER_TICK)
     q, _ = motion.at(ticks)
     points = np.array([arm().forward(one)[:3, 3] for one in q])
@@ -61,7 +68,7 @@ def test_a_motion_keeps_every_limit_at_every_tick(start_speed: float, scale: flo
 
 def test_some_limit_is_reached() -> None:
     lengths, q = winding_path()
-    path = path_through(lengths, q, None)
+    path = CubicSpline(lengths, q)
     gone = PathTiming(arm(), MotionLimits(), SPEED).fastest(path, 0.0, 0.0)
     assert gone is not None
     points = np.array([arm().forward(one)[:3, 3] for one in path(gone.lengths)])
@@ -71,7 +78,7 @@ def test_some_limit_is_reached() -> None:
 
 def test_where_no_stop_is_possible_there_is_no_motion() -> None:
     lengths, q = winding_path()
-    path = path_through(lengths[:5], q[:5], None)
+    path = CubicSpline(lengths[:5], q[:5])
     assert PathTiming(arm(), MotionLimits(), 0.5).fastest(path, 0.4, 0.0) is None
 
 

@@ -79,3 +79,10 @@ def test_an_arm_that_stands_at_a_start_pose_sees_its_groove() -> None:
     home = [float(word) for word in standing(T).strip("[]").split(",")]
     findings = {f.what: f for f in check_job_and_cell(PAPER, {"simulation.arm.home_deg": home})}
     assert "and a groove" in findings["profile"].detail
+
+
+def test_a_laser_that_has_to_stream_is_asked_whether_it_can(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert tjscan("doctor", PAPER, "--scan.mode", "continuous") == 0
+    assert "laser's stream" in capsys.readouterr().out

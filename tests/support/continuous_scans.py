@@ -13,7 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.read import read_groove
 from tjscan.job.cell import motion_limits_of_job
 from tjscan.job.files import read_scan_job
-from tjscan.laser.line_laser import StreamingLaser
+from tjscan.laser.line_laser import StreamedProfile, StreamingLaser
 from tjscan.laser.profile import Profile
 from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.continuous.scanner import ContinuousScanner
@@ -47,10 +47,16 @@ class HeardThrough:
         profile: Profile = self.laser.capture()
         return profile
 
-    def stream(self, period: float) -> Iterator[Profile | None]:
+    def check_stream(self, period: float) -> None:
+        self.laser.check_stream(period)
+
+    def stream(self, period: float) -> Iterator[StreamedProfile | None]:
         self._streams += 1
-        for number, profile in enumerate(self.laser.stream(period)):
-            yield profile if self._streams == 1 else self._change(number, profile)
+        for number, streamed in enumerate(self.laser.stream(period)):
+            profile = streamed.profile
+            if self._streams > 1:
+                profile = self._change(number, profile)
+            yield None if profile is None else StreamedProfile(profile)
 
 
 def scan_continuously(

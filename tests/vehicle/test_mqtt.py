@@ -1,12 +1,17 @@
 """The driver of vehicles behind a broker, through the real one, against loopback vehicles."""
 
+import getpass
 import json
+import socket
+import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from math import inf, nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,12 +20,13 @@ from command import tjscan
 from tjscan.core.errors import (
     ConfigurationError,
     DriveFault,
+    UnorderedMotion,
     VehicleFault,
     VehicleLinkLost,
     VehicleStopped,
 )
 from tjscan.core.frames import Array
-from tjscan.vehicle.vehicle import DEAD_MAN_TIME, Twist, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME, Twist, VehicleState
 from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
 from tjscan_loopback.process import VehicleLoopbackProcess
 
@@ -28,12 +34,17 @@ mqtt = pytest.importorskip("tjscan.vehicle.mqtt.vehicle", reason="paho-mqtt is n
 pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")
 
 from _stops import Break, seconds_until_rest  # noqa: E402
+from paho.mqtt.client import Client  # noqa: E402
+from paho.mqtt.enums import CallbackAPIVersion  # noqa: E402
 
 from tjscan.vehicle.mqtt.settings import MqttSettings  # noqa: E402
+from tjscan.vehicle.mqtt.torch import MqttTorch  # noqa: E402
 from tjscan.vehicle.mqtt.vehicle import MqttVehicle  # noqa: E402
 
 LONGEST = 3.0
 """Seconds: 0.6 on an idle machine, where the benchmark holds them to that."""
+
+BROKER_FILES = {"certfile": "own.pem", "keyfile": "own-key.pem", "password_file": "users"}
 
 SILENCE = 5.0
 """Seconds without a state that are no silence on a busy machine."""
@@ -74,6 +85,17 @@ def drive(vehicle: MqttVehicle, seconds: float, twist: Twist | None = None) -> l
             vehicle.command(twist)
         states.append(vehicle.next_state())
     return states
+
+
+@contextmanager
+def sender(broker: MosquittoProcess) -> Iterator[Callable[..., object]]:
+    """Gives what sends a command to vehicle 1 from beside its program."""
+    client = Client(CallbackAPIVersion.VERSION2)
+    client.connect("127.0.0.1", broker.port)
+    client.loop_start()
+    yield lambda **message: client.publish("tjscan/vehicle/1/command", json.dumps(message))
+    client.disconnect()
+    client.loop_stop()
 
 
 def moved(vehicle: MqttVehicle, since: Array) -> float:
@@ -325,6 +347,112 @@ def test_the_command_takes_a_job_and_says_what_is_wrong(
     with MosquittoProcess() as gone:
         pass
     assert tjscan("vehicle-loopback", "--broker", gone.address, pictures=True) == 4
+
+
+def test_a_stop_of_another_client_is_obeyed_and_ends_the_program_by_name(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle, sender(broker) as send:
+        drive(vehicle, 0.3, Twist(0.05, 0.0))
+        send(session="a stop button", number=0, time=1e9, order="stop")
+        with pytest.raises(UnorderedMotion, match="another client"):
+            drive(vehicle, LONGEST, Twist(0.05, 0.0))
+        vehicles.wait_until_at_rest()
+
+
+def test_motion_that_was_not_ordered_is_an_alarm_and_stopped(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle, sender(broker) as send:
+        drive(vehicle, DEAD_MAN_TIME)
+        vehicles.unread_output()
+        ahead = {"session": vehicle._session, "number": vehicle._number + 100}
+        send(**ahead, time=time.monotonic() + 0.2, order="drive", speed=0.3, hold=0.5)
+        with pytest.raises(UnorderedMotion, match="did not order"):
+            drive(vehicle, LONGEST)
+        vehicles.wait_until_at_rest()
+        with pytest.raises(UnorderedMotion):
+            vehicle.command(Twist(0.05, 0.0))
+
+
+def test_numbers_and_clocks_of_the_future_lock_nobody_out(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    with driver(broker) as vehicle, sender(broker) as send:
+        states = drive(vehicle, 0.3, Twist(0.05, 0.0))
+        for number, later in ((2**53, 0.0), (vehicle._number + 10, 100.0)):
+            drives = {"order": "drive", "speed": 0.3, "hold": 0.5}
+            send(session=vehicle._session, number=number, time=time.monotonic() + later, **drives)
+        states = drive(vehicle, 2 * DEAD_MAN_TIME, Twist(0.05, 0.0))
+        assert states[-1].odometry.speed == pytest.approx(0.05, abs=2e-3)
+
+
+def test_a_program_that_was_held_up_says_so(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        driver(broker, silence_limit=0.5) as vehicle,
+        MqttTorch(vehicle.settings, reach=0.1) as torch,
+    ):
+        drive(vehicle, 0.1)
+        torch.move(0.0, 0.0, 0.01)
+        before, monotonic = time.monotonic(), time.monotonic
+        # As a frozen process wakes: before its threads took what has arrived.
+        vehicle._heard = torch._heard = before
+        for device in (vehicle, torch):
+            device._link.receive = lambda received: None
+        monkeypatch.setattr(time, "monotonic", lambda: monotonic() + 1.0)
+        for call in (lambda: torch.move(0.0, 0.0, 0.01), lambda: vehicle.command(AT_REST)):
+            with pytest.raises(VehicleLinkLost, match="held up for 1"):
+                call()
+
+
+# Where a broker does not prove itself, paho leaves its socket to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_broker_may_want_a_password_and_prove_itself(tmp_path: Path) -> None:
+    def run(*command: str) -> None:
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+    new = ("-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1")
+    for name in ("own", "other"):
+        files = ("-keyout", f"{name}-key.pem", "-out", f"{name}.pem")
+        run("openssl", "req", "-x509", *new, *files, "-addext", "subjectAltName=IP:127.0.0.1")
+    run("mosquitto_passwd", "-b", "-c", "users", "welder", "secret")
+    (tmp_path / "password").write_text("secret\n", encoding="utf-8")
+    (tmp_path / "wrong").write_text("other\n", encoding="utf-8")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        secure = probe.getsockname()[1]
+    lines = (
+        f"user {getpass.getuser()}",  # a broker of root's gives up its rights
+        f"listener {secure} 127.0.0.1",
+        "allow_anonymous false",
+        *(f"{what} {tmp_path}/{file}" for what, file in BROKER_FILES.items()),
+    )
+    with MosquittoProcess(*lines) as broker, VehicleLoopbackProcess(broker.address):
+        right = replace(
+            MqttSettings(port=secure, user="welder", connect_limit=LONGEST),
+            password_file=str(tmp_path / "password"),
+            ca_file=str(tmp_path / "own.pem"),
+        )
+        with MqttVehicle(right) as vehicle:
+            assert drive(vehicle, 0.2, Twist(0.05, 0.0))
+        refusals: list[tuple[dict[str, Any], str]] = [
+            ({"password_file": str(tmp_path / "wrong")}, "(?i)not authori[sz]ed"),
+            ({"ca_file": ""}, "take this client|no MQTT broker"),
+            ({"ca_file": str(tmp_path / "other.pem")}, "prove"),
+        ]
+        for wrong, why in refusals:
+            with pytest.raises(VehicleLinkLost, match=why), MqttVehicle(replace(right, **wrong)):
+                pass
+        for key in ("password_file", "ca_file"):
+            gone = replace(right, **{key: str(tmp_path / "gone")})  # type: ignore[arg-type]
+            with pytest.raises(ConfigurationError, match="gone"), MqttVehicle(gone):
+                pass
+            with pytest.raises(ValueError, match="absolute"):
+                replace(right, **{key: "beside"})  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="needs user"):
+            replace(right, user="")
 
 
 def test_addresses_of_other_machines_and_odd_topics_are_refused() -> None:

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is n
 from tjscan.vehicle.localisation import VehiclePose  # noqa: E402
 from tjscan.vehicle.mqtt.link import BrokerLink  # noqa: E402
 from tjscan.vehicle.mqtt.localisation import MqttLocalisation  # noqa: E402
-from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings  # noqa: E402
+from tjscan.vehicle.mqtt.settings import BrokerSettings, MqttLocalisationSettings  # noqa: E402
 from tjscan.vehicle.mqtt.wire import PasserByMessage, PoseMessage, PresenceMessage  # noqa: E402
 
 LONGEST = 10.0
@@ -33,9 +33,7 @@ class Tracker:
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._send, daemon=True)
         self.link = BrokerLink(
-            "127.0.0.1",
-            broker.port,
-            prefix="yard",
+            BrokerSettings(port=broker.port, prefix="yard"),
             presence_topic="tracker",
             presence=PresenceMessage(session="tracker", number=0, time=0.0, alive=True),
             topics=(),

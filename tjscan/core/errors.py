@@ -206,6 +206,10 @@ class VehicleStopped(VehicleFault):
         )
 
 
+class UnorderedMotion(VehicleFault):
+    """The vehicle moves, or was stopped, as this program did not order."""
+
+
 class DriveFault(VehicleFault):
     """A drive of the vehicle reports a fault, and the vehicle has stopped."""
 
@@ -278,6 +282,10 @@ class WrongLaser(LaserFault):
 
 class ProfileFormatRefused(LaserFault):
     """What the laser sends, or states about it, can't be turned into millimetres."""
+
+
+class LaserStampsRefused(LaserFault):
+    """What the laser says of when its profiles were taken can't be relied on."""
 
 
 class ProfileNotReceived(LaserFault):

@@ -23,11 +23,42 @@ class LineLaser(Device, Protocol):
         """
 
 
+@dataclass(frozen=True, slots=True)
+class StreamedProfile:
+    """A profile of a stream, and how long ago it came.
+
+    Parameters
+    ----------
+    profile : Profile
+        With the time in the middle of its exposure, in seconds on the laser's own clock: it may be
+        off the arm's and drift.
+    waited : float
+        Seconds since it came from the laser, for which it has waited to be taken.
+    """
+
+    profile: Profile
+    waited: float = 0.0
+
+
 @runtime_checkable
 class StreamingLaser(Protocol):
     """A line laser that takes profiles as the arm moves, and says when each was taken."""
 
-    def stream(self, period: float) -> Iterator[Profile | None]:
+    def check_stream(self, period: float) -> None:
+        """Refuse a stream, before anything moves, whose times can't be true.
+
+        Parameters
+        ----------
+        period : float
+            Seconds between two profiles.
+
+        Raises
+        ------
+        LaserFault
+            If they can't, profiles would be much fewer, or the laser is not connected.
+        """
+
+    def stream(self, period: float) -> Iterator[StreamedProfile | None]:
         """Take profiles one after another, without end.
 
         Parameters
@@ -37,14 +68,14 @@ class StreamingLaser(Protocol):
 
         Yields
         ------
-        Profile or None
-            With the time in the middle of its exposure, in seconds on the laser's own clock: it
-            may be off the arm's and drift. None each time that none came.
+        StreamedProfile or None
+            In the order of their exposures: those that come while one is read wait. None for each
+            that was lost, and from time to time while none comes.
 
         Raises
         ------
         LaserFault
-            If the laser is not connected.
+            If the laser is not connected, ends its stream, or too many wait.
         """
 
 

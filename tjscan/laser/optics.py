@@ -17,6 +17,7 @@ from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array, Mask, readonly_copy, transform_points
 from tjscan.laser.deviation import Distortion
 from tjscan.laser.faults import FaultRandomStreams, LaserRayHits, SimulatedProfile, apply_faults
+from tjscan.laser.line_laser import StreamedProfile
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 
@@ -274,7 +275,11 @@ class SimulatedLaser(LocalDevice):
         now, points = self._clock(), self.capture_with_origins()
         return Profile(points.x_s, points.z_s, points.intensity, now)
 
-    def stream(self, period: float) -> Iterator[Profile]:
+    def check_stream(self, period: float) -> None:
+        """Its stamps are true. See `StreamingLaser.check_stream`."""
+        self.check_connected()
+
+    def stream(self, period: float) -> Iterator[StreamedProfile]:
         """Take profiles as the arm moves. See `StreamingLaser.stream`."""
         model, waited = self.model, 0.0
         while True:
@@ -283,7 +288,7 @@ class SimulatedLaser(LocalDevice):
             waited = max(model.delay + model.delay_jitter * self._rng.standard_normal(), 0.0)
             self._pass_time(waited)
             stamp = (profile.time + model.clock_offset) * (1.0 + model.clock_drift)
-            yield replace(profile, time=stamp)
+            yield StreamedProfile(replace(profile, time=stamp))
 
     def capture_with_origins(self) -> SimulatedProfile:
         """Take one profile with the origin of each point; raises as `capture` does."""

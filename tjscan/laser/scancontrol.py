@@ -36,6 +36,20 @@ CONTAINER_FIELD_WORDS: Final = dict.fromkeys(get_args(FieldName), 1) | {
 """Fields of a container in their order, and how many numbers of 16 bits each takes for a point."""
 
 
+CLOCK_TURN: Final = 128.0
+"""Seconds after which the sensor's clock begins at zero again."""
+
+
+def middle_of_shutter(raw: bytes) -> float:
+    """Middle of the exposure by the sensor's clock, seconds, from a payload that ends in it."""
+    opened, closed = (
+        (word >> 25)
+        + ((word >> 12 & 0x1FFF) + (word & 0xFFF) / OFFSETS_PER_CYCLE) / CYCLES_PER_SECOND
+        for word in unpack(">4xI4xI", raw[-TIME_STAMP_BYTES:])
+    )
+    return float((opened + (closed - opened) % CLOCK_TURN / 2) % CLOCK_TURN)
+
+
 def _check_time_stamp(raw: bytes) -> None:
     """Refuse 16 bytes that are no time stamp: shutter opened at byte 4, closed at byte 12.
 

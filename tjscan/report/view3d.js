@@ -230,7 +230,8 @@
         const [end, near] = [project(section.corners[4]), project(section.corners[3])];
         const off = Math.hypot(end[0] - near[0], end[1] - near[1]) || 1;
         const at = end.map((v, i) => v + 11 * (v - near[i]) / off);
-        if (taken.some(other => Math.hypot(other[0] - at[0], other[1] - at[1]) < 17)) continue;
+        const room = 7 + pen.measureText(section.label).width;
+        if (taken.some(other => Math.abs(other[0] - at[0]) < room && Math.abs(other[1] - at[1]) < 15)) continue;
         taken.push(at);
         pen.fillText(section.label, ...at);
       }

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tjscan.core.errors import PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.robot.collision import BodyPair, CollisionModel
+from tjscan.robot.following import JointMotion
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import describe_place_on_path, interpolate_joints, linear_waypoints
 from tjscan.robot.settings import ClearanceMargins
@@ -99,8 +100,8 @@ class ClearPathPlanner:
         self._check_clear_of_bodies(path, T_b_f)
         return np.asarray(path[-1])
 
-    def check_motion_is_clear(self, path: Array) -> None:
-        """Check a path through joint angles, shape (m, n), in radians; see `PathBlocked`.
+    def check_motion_is_clear(self, motion: JointMotion) -> None:
+        """Check the path that a motion takes; see `PathBlocked`.
 
         Raises
         ------
@@ -109,9 +110,9 @@ class ClearPathPlanner:
         PoseUnreachable
             If it comes too near to a singularity.
         """
-        T_b_f = self.kinematics.forward(path[-1])
-        self._check_clear_of_singularities(path, T_b_f)
-        self._check_clear_of_bodies(path, T_b_f)
+        T_b_f = self.kinematics.forward(motion.q[-1])
+        self._check_clear_of_singularities(motion.q, T_b_f)
+        self._check_clear_of_bodies(motion.q, T_b_f)
 
     def line_is_clear(self, q: Array, goal: Array) -> bool:
         """Whether a line in joint space keeps clear, and ends in no singularity.

@@ -21,7 +21,7 @@ from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.robot.arm import Arm, ArmState, MotionLock
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.robot.following import Following, JointMotion, check_can_follow
+from tjscan.robot.following import Following, FollowingThrough, check_can_follow
 
 POSTURE_TREE_STEP: Final = 0.5
 """Radians of joint space, summed in squares over the joints, by which a tree grows at once."""
@@ -191,32 +191,6 @@ class ClearPath:
         return f"{1e3 * lift:.0f} mm back, across {how} and forward"
 
 
-class CollisionCheckedFollowing:
-    """An arm that follows paths which are checked for collisions before it does.
-
-    Parameters
-    ----------
-    following : Following
-        The arm.
-    clearance : ClearPathPlanner
-        What paths must keep.
-    """
-
-    def __init__(self, following: Following, clearance: ClearPathPlanner) -> None:
-        self._following, self._clearance = following, clearance
-        self.states = following.states
-
-    @property
-    def end(self) -> float:
-        """When the motion that is followed ends. See `Following.end`."""
-        return self._following.end
-
-    def replace(self, motion: JointMotion) -> None:
-        """Check a motion, and follow it. See `Following.replace`."""
-        self._clearance.check_motion_is_clear(motion.q)
-        self._following.replace(motion)
-
-
 class CollisionCheckedArm:
     """Any arm whose paths are checked for collisions, as a whole, before anything moves.
 
@@ -328,7 +302,7 @@ class CollisionCheckedArm:
     def follow(self) -> Iterator[Following]:
         """Follow paths that grow, each checked before it is followed. See `FollowingArm.follow`."""
         with self._latch.hold_for_move(), check_can_follow(self._arm).follow() as following:
-            yield CollisionCheckedFollowing(following, self.clearance)
+            yield FollowingThrough(following, check=self.clearance.check_motion_is_clear)
 
     def stop(self) -> None:
         """Bring the arm to rest now, and begin no further segment. See `Arm.stop`."""

@@ -11,7 +11,7 @@ manipulators, J. Robotic Systems 2(4), on why DH parameters do not).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Self
 
@@ -21,7 +21,7 @@ from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.following import Following, check_can_follow
+from tjscan.robot.following import Following, FollowingThrough, check_can_follow
 from tjscan.robot.kinematics import Kinematics
 
 
@@ -71,31 +71,6 @@ def deviations_of_longer_links(kinematics: Kinematics) -> Array:
     own = np.einsum("nji,nj->ni", placements[:, :3, :3], placements[:, :3, 3])
     along = np.einsum("nji,nj->ni", joint_axis_bases(kinematics), own)
     return np.hstack((along, np.zeros_like(along)))
-
-
-class CorrectedFollowing:
-    """An arm that follows paths, its states corrected as those of a `CorrectedArm`.
-
-    Parameters
-    ----------
-    following : Following
-        The arm.
-    correct : callable
-        Corrects a state.
-    """
-
-    def __init__(self, following: Following, correct: Callable[[ArmState], ArmState]) -> None:
-        self._following, self._correct = following, correct
-        self.replace = following.replace
-
-    @property
-    def end(self) -> float:
-        """When the motion that is followed ends. See `Following.end`."""
-        return self._following.end
-
-    def states(self) -> Sequence[ArmState]:
-        """States since the last call. See `Following.states`."""
-        return [self._correct(state) for state in self._following.states()]
 
 
 class CorrectedArm:
@@ -169,7 +144,7 @@ class CorrectedArm:
     def follow(self) -> Iterator[Following]:
         """Follow paths that grow. See `FollowingArm.follow`."""
         with check_can_follow(self._arm).follow() as following:
-            yield CorrectedFollowing(following, self._correct_state)
+            yield FollowingThrough(following, correct=self._correct_state)
 
     def stop(self) -> None:
         """Bring the arm to rest now. See `Arm.stop`."""

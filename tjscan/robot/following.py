@@ -5,7 +5,7 @@ An arm that follows never runs out of path in motion: what it was given always e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import field
 from typing import Final, Protocol, runtime_checkable
@@ -21,8 +21,9 @@ GUARD_TIME: Final = 0.1
 """Seconds from now within which a path that an arm follows is not replaced any more: it may be on
 its way through the controller."""
 
-LARGEST_JOINING_GAP: Final = 1e-4
-"""Radians, and radians per second over ten: where a new path leaves the old one they agree."""
+LARGEST_JOINING_ACCELERATION: Final = 0.03
+"""Rad/s² by which a new path may be pulled onto the old one up to its second knot: two per cent of
+what is usual. Encoders at rest differ from one reading to the next."""
 
 
 @array_dataclass
@@ -78,6 +79,8 @@ class JointMotion:
     def replaced_by(self, later: JointMotion, now: float) -> JointMotion:
         """Join a later motion to this one: this up to where that begins, and that from there on.
 
+        What it begins beside this one, it makes up for up to its second knot.
+
         Parameters
         ----------
         later : JointMotion
@@ -98,7 +101,8 @@ class JointMotion:
             )
         q, speed = self.at(start)
         gap, jump = np.abs(later.q[0] - q).max(), np.abs(later.speed[0] - speed).max()
-        if gap > LARGEST_JOINING_GAP or jump > 10 * LARGEST_JOINING_GAP:
+        piece = later.times[1] - start if len(later.times) > 1 else GUARD_TIME
+        if 6 * gap / piece**2 + 4 * jump / piece > LARGEST_JOINING_ACCELERATION:
             raise PathNotExtended(
                 f"a path to follow begins {np.degrees(gap):.3f} deg and {np.degrees(jump):.2f} "
                 "deg/s beside the one before, which is followed to its end"
@@ -107,7 +111,9 @@ class JointMotion:
         joined = (
             np.concatenate((mine[kept], new))
             for mine, new in zip(
-                (self.times, self.q, self.speed), (later.times, later.q, later.speed), strict=True
+                (self.times, self.q, self.speed),
+                (later.times, np.vstack((q, later.q[1:])), later.speed),
+                strict=True,
             )
         )
         return JointMotion(*joined)
@@ -115,6 +121,10 @@ class JointMotion:
 
 class Following(Protocol):
     """An arm while it follows a path that grows."""
+
+    @property
+    def now(self) -> float:
+        """Where it is on its paths, in their seconds: behind its clock, if it is slowed down."""
 
     @property
     def end(self) -> float:
@@ -141,6 +151,47 @@ class Following(Protocol):
         ArmFault
             If the arm stopped.
         """
+
+
+class FollowingThrough:
+    """An arm that is followed through another one, see `Following`.
+
+    Parameters
+    ----------
+    following : Following
+        The arm that moves.
+    check : callable, optional
+        Refuses a motion before it is followed.
+    correct : callable, optional
+        Corrects a state.
+    """
+
+    def __init__(
+        self,
+        following: Following,
+        check: Callable[[JointMotion], None] = lambda motion: None,
+        correct: Callable[[ArmState], ArmState] = lambda state: state,
+    ) -> None:
+        self._following, self._check, self._correct = following, check, correct
+
+    @property
+    def now(self) -> float:
+        """Where it is on its paths. See `Following.now`."""
+        return self._following.now
+
+    @property
+    def end(self) -> float:
+        """When the motion that is followed ends. See `Following.end`."""
+        return self._following.end
+
+    def replace(self, motion: JointMotion) -> None:
+        """Follow another motion. See `Following.replace`."""
+        self._check(motion)
+        self._following.replace(motion)
+
+    def states(self) -> Sequence[ArmState]:
+        """States since the last call. See `Following.states`."""
+        return [self._correct(state) for state in self._following.states()]
 
 
 @runtime_checkable

@@ -100,6 +100,11 @@ class SimulatedFollowing:
         return np.asarray(self._stages[-1])
 
     @property
+    def now(self) -> float:
+        """Where it is on its paths. See `Following.now`."""
+        return self.time
+
+    @property
     def end(self) -> float:
         """When the motion that is followed ends. See `Following.end`."""
         return self._motion.end

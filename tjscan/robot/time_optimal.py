@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Sequence
-from math import ceil
 from typing import Any, Final
 
 import numpy as np
@@ -24,14 +22,17 @@ with warnings.catch_warnings():  # of backslashes in its docstrings, where it is
     warnings.simplefilter("ignore")
     from toppra.algorithm import TOPPRA
     from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
-    from toppra.constraint.linear_constraint import LinearConstraint
+    from toppra.constraint.linear_constraint import (
+        LinearConstraint,
+        canlinear_colloc_to_interpolate,
+    )
     from toppra.interpolator import AbstractGeometricPath
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
 
-GRID_SPACING: Final = 2e-3
-"""Metres along the path between two places at which limits are looked at, or half of the spline's
-own knots."""
+PIECES_OF_A_CUBIC: Final = 2
+"""Into which each piece of a path's spline is cut by the places where limits are looked at. Its
+knots are among them: there its bend changes its slope, so that in between nothing peaks."""
 
 SHARES_OF_LIMITS: Final = (0.9, 0.94, 0.98)
 """Of speeds and accelerations that a motion may take at these places, tried in this order: a path
@@ -57,15 +58,12 @@ class LengthOverTime:
     lengths: Array
     speeds: Array
 
-    def at(self, time: float) -> tuple[float, float]:
-        """Length and speed at a time, metres and metres per second."""
-        after = int(np.searchsorted(self.times, time, side="right"))
-        i = min(max(after - 1, 0), len(self.times) - 2)
-        span = self.times[i + 1] - self.times[i]
-        t = min(max(time - self.times[i], 0.0), span)
-        slope = (self.speeds[i + 1] - self.speeds[i]) / span
-        length = self.lengths[i] + t * (self.speeds[i] + 0.5 * slope * t)
-        return float(length), float(self.speeds[i] + slope * t)
+    def knot_from(self, time: float) -> tuple[float, float, float]:
+        """Time, length and speed at the first knot not before a time; at rest after the last."""
+        i = int(np.searchsorted(self.times, time))
+        if i == len(self.times):
+            return time, float(self.lengths[-1]), 0.0
+        return float(self.times[i]), float(self.lengths[i]), float(self.speeds[i])
 
 
 class _SplinePath(AbstractGeometricPath):  # type: ignore[misc]  # the library has no types
@@ -114,7 +112,9 @@ class _ToolLimits(LinearConstraint):  # type: ignore[misc]
         g = np.full(len(F), self._acceleration)
         fastest = np.minimum(self._speed / speed, 1.0)
         bounds = np.column_stack((np.zeros_like(fastest), fastest**2))
-        return a, b, np.zeros_like(a), F, g, None, bounds
+        at_places = a, b, np.zeros_like(a), F, g, None, None
+        both_ends = canlinear_colloc_to_interpolate(*at_places, places, identical=True)
+        return *both_ends[:5], None, bounds
 
 
 class PathTiming:
@@ -133,6 +133,33 @@ class PathTiming:
     def __init__(self, kinematics: Kinematics, limits: MotionLimits, speed: float) -> None:
         self._kinematics, self._limits, self._speed = kinematics, limits, speed
 
+    def speed_and_braking(self, q: CubicSpline) -> tuple[float, float]:
+        """Largest speed at any place of a path that joints and flange can take, and how to brake.
+
+        Parameters
+        ----------
+        q : CubicSpline
+            Joint angles in radians over the length along the path in metres.
+
+        Returns
+        -------
+        speed, braking : float
+            Metres per second; and the seconds, the largest at a place, in which a metre per second
+            is braked.
+        """
+        limits, turns = self._limits, q(q.x, 1)
+        moves = [
+            self._kinematics.jacobian(one)[:3] @ turn
+            for one, turn in zip(q(q.x), turns, strict=True)
+        ]
+        tool, turns = np.linalg.norm(moves, axis=1), np.abs(turns)
+        slowness = np.maximum(
+            (turns / (limits.joint_speed * self._kinematics.velocity)).max(axis=1),
+            tool / limits.tcp_speed,
+        )
+        braking = max(turns.max() / limits.joint_acceleration, tool.max() / limits.tcp_acceleration)
+        return float(1.0 / slowness.min()), float(braking)
+
     def fastest(self, q: CubicSpline, start_speed: float, start: float) -> LengthOverTime | None:
         """Quickest way along a path, with a speed at its start, to rest at its end.
 
@@ -150,9 +177,12 @@ class PathTiming:
         LengthOverTime or None
             None if the path can't be run through: from this speed there is no stop on it.
         """
-        points_b = CubicSpline(q.x, [self._kinematics.forward(one)[:3, 3] for one in q(q.x)])
-        pieces = max(2 * (len(q.x) - 1), ceil(float(q.x[-1] - q.x[0]) / GRID_SPACING))
-        places = np.linspace(q.x[0], q.x[-1], pieces + 1)
+        points = [self._kinematics.forward(one)[:3, 3] for one in q(q.x)]
+        begin, end = (self._kinematics.jacobian(q(s))[:3] @ q(s, 1) for s in q.x[[0, -1]])
+        points_b = CubicSpline(q.x, points, bc_type=((1, begin), (1, end)))
+        shares = np.arange(PIECES_OF_A_CUBIC) / PIECES_OF_A_CUBIC
+        inner = q.x[:-1, None] + np.diff(q.x)[:, None] * shares
+        places = np.append(inner.ravel(), q.x[-1])
         for share in SHARES_OF_LIMITS:
             speeds = self._speeds_within(share, q, points_b, places, start_speed)
             if speeds is not None:
@@ -187,20 +217,3 @@ def joint_motion(q: CubicSpline, gone: LengthOverTime) -> JointMotion:
     speed = q(gone.lengths, 1) * gone.speeds[:, None]
     speed[-1] = 0.0
     return JointMotion(gone.times, q(gone.lengths), speed)
-
-
-def path_through(lengths: Sequence[float] | Array, q: Array, slope: Array | None) -> CubicSpline:
-    """Smooth path through joint angles, with a slope at its start if that is given.
-
-    Parameters
-    ----------
-    lengths : array_like, shape (m,)
-        Along the path, metres, rising.
-    q : ndarray, shape (m, n)
-        Radians.
-    slope : ndarray, shape (n,), optional
-        Radians per metre.
-    """
-    if slope is None:
-        return CubicSpline(lengths, q)
-    return CubicSpline(lengths, q, bc_type=((1, slope), "not-a-knot"))

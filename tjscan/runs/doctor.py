@@ -22,6 +22,7 @@ from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.laser.line_laser import SelfDescribingLaser
 from tjscan.laser.profile import Profile
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, result_frame_of_job
+from tjscan.scanning.continuous.stream import PROFILE_PERIOD
 
 REPORTED_LIBRARIES: Final = (
     "tjscan",
@@ -126,6 +127,8 @@ def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
             yield _run_check("laser's link", _describe_laser_link, cell.laser)
             yield _run_check("laser's format", lambda device: device.describe().format, cell.laser)
             yield _run_check("laser's range", _compare_laser_range, cell.laser, job.laser)
+        if laser.passed and job.scan.mode == "continuous":
+            yield _run_check("laser's stream", _check_stream, cell.laser)
         if arm.passed:
             yield _run_check("model", _compare_arm_with_model, cell)
             yield _run_check("stance", _describe_nearest_bodies, cell)
@@ -199,6 +202,11 @@ def _describe_nearest_bodies(cell: Cell) -> str:
 def _describe_laser_link(laser: Any) -> str:
     described = laser.describe()
     return "; ".join(filter(None, (f"{laser.identity} at {described.link}", described.advice)))
+
+
+def _check_stream(laser: Any) -> str:
+    laser.check_stream(PROFILE_PERIOD)
+    return f"{1 / PROFILE_PERIOD:g} profiles a second are asked for, stamped by a clock that runs"
 
 
 def _compare_laser_range(laser: SelfDescribingLaser, table: LaserSettings) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import isnan, radians
+from math import dist, isnan, radians
 from typing import Final, Protocol
 
 import numpy as np
@@ -12,7 +12,12 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound, SetPointTooFar
 from tjscan.core.frames import Array, inverse_pose, rotation_angle_between, unit_vector
 from tjscan.groove.prior import GroovePrior
-from tjscan.groove.root import BURIED_DEPTH_IN_CHORDS, WELD_IN_ROOT
+from tjscan.groove.root import (
+    BURIED_DEPTH_IN_CHORDS,
+    ROOT_NOT_SEEN,
+    WELD_IN_GROOVE,
+    WELD_IN_ROOT,
+)
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
@@ -137,6 +142,9 @@ on joints of 168 to 610 mm that made up to half of it.
 """
 
 
+TACK_END_LENGTH: Final = 4e-3
+"""Metres beyond a tack weld within which its end may reach."""
+
 PLANNING_SPACING: Final = 8e-3
 """Metres between the sections of a continuous scan that are looked back upon: so they reach as far
 back as those of a stepwise one."""
@@ -144,11 +152,11 @@ back as those of a stepwise one."""
 
 def planning_sections(sections: Sections) -> list[ScannedSection]:
     """The last sections that are `PLANNING_SPACING` or more from each other, the oldest first."""
-    chosen = [sections[-1]]
+    chosen, origin = [sections[-1]], sections[-1].T_b_g[:3, 3]
     for section in reversed(sections):
-        away = section.T_b_g[:3, 3] - chosen[-1].T_b_g[:3, 3]
-        if np.linalg.norm(away) >= PLANNING_SPACING:
+        if dist(here := section.T_b_g[:3, 3], origin) >= PLANNING_SPACING:
             chosen.append(section)
+            origin = here
             if len(chosen) == MOST_PRIOR_SECTIONS:
                 break
     return chosen[::-1]
@@ -245,6 +253,34 @@ def name_tack_of_section(found: ScannedSection, before: Sections) -> ScannedSect
     return replace(found, groove=_with_buried_root(groove))
 
 
+def name_tack_ends(sections: Sections) -> tuple[ScannedSection, ...]:
+    """Name the sections of a continuous scan that a tack weld's end reaches, as on it.
+
+    Those next to a named one in which weld or nothing shows for the root belong to the tack. About
+    its end, which tapers, a root seen half under it is read beside its edges.
+
+    Parameters
+    ----------
+    sections : sequence of ScannedSection
+        All of the scan, in order; those of a stepwise one stay as they are.
+    """
+    grooves, origins = [s.groove for s in sections], np.array([s.T_b_g[:3, 3] for s in sections])
+    if not any(groove.on_tack for groove in grooves):
+        return tuple(sections)
+    near = np.linalg.norm(origins[:, None] - origins, axis=2) <= TACK_END_LENGTH
+    hidden = np.array([WELD_IN_GROOVE in g.conditions or not root_is_known(g) for g in grooves])
+    tack, before = np.array([groove.on_tack for groove in grooves]), -1
+    while tack.sum() > before:
+        before = tack.sum()
+        tack |= hidden & (np.convolve(tack, np.ones(3), "same") > 0)
+    return tuple(
+        replace(one, groove=_with_buried_root(one.groove))
+        if beside and not one.groove.on_tack and one.view.substep is Substep.FUSED
+        else one
+        for one, beside in zip(sections, near[:, tack].any(axis=1), strict=True)
+    )
+
+
 def _with_buried_root(groove: GrooveSection) -> GrooveSection:
     """The same section with its root under a tack weld."""
     covariance = np.zeros((8, 8))
@@ -260,7 +296,8 @@ def _with_buried_root(groove: GrooveSection) -> GrooveSection:
         rms=groove.rms,
         covariance=covariance,
     )
-    others = tuple(one for one in groove.conditions if one != WELD_IN_ROOT)
+    shown = (WELD_IN_ROOT, WELD_IN_GROOVE, ROOT_NOT_SEEN)
+    others = tuple(one for one in groove.conditions if one not in shown)
     return replace(
         section,
         model=groove.model,

@@ -19,7 +19,7 @@ from tjscan_loopback.laser.coding import (
     rectified_x,
 )
 from tjscan_loopback.laser.faults import LaserFaultOrder
-from tjscan_loopback.laser.memory import Memory
+from tjscan_loopback.laser.memory import TICKS_LOW, Memory
 
 VENDOR_NAME: Final = "tjscan"
 MODEL_NAME: Final = "laser-loopback"
@@ -68,6 +68,8 @@ def initial_memory(
         memory.put(address, pack(">d", number))
     unit = "Pixel" if LaserFaultOrder.UNIT_PIXEL in faults else "Millimeter"
     memory.set(features.COORDINATE_UNIT, features.DISTANCE_UNITS[unit])
+    if LaserFaultOrder.NO_CLOCK in faults:
+        memory.set(TICKS_LOW, 0)
     state_scales(memory)
     return memory
 

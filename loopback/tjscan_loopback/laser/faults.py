@@ -26,6 +26,10 @@ class LaserFaultOrder(StrEnum):
     UNIT_PIXEL = "unit-pixel"
     MISSING_FEATURES = "missing-features"
     ALL_INVALID = "all-invalid"
+    NO_CLOCK = "no-clock"
+    COARSE_CLOCK = "coarse-clock"
+    WRONG_CLOCK = "wrong-clock"
+    NO_STAMP = "no-stamp"
     CLEAR = "clear"
 
 

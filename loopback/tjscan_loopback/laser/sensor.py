@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from struct import Struct, error, pack, unpack_from
@@ -35,12 +36,22 @@ STALE_AGE: Final = 1.0
 REBOOT_DURATION: Final = 0.5
 """Seconds for which a sensor that restarts answers no one."""
 
+POSE_LOOK_PERIOD: Final = 1e-3
+"""Seconds between looks whether it is known where the sensor was."""
+
+LARGEST_DELAY: Final = 0.1
+"""Seconds by which exposures may be late before they are left out."""
+
+COARSE_TICKS: Final = 10_000_000
+"""Ticks by which a coarse clock goes on at a time."""
+
 _OTHER_CONTROLLER: Final = ("127.255.255.254", 1)
 """Address of another program that controls the sensor."""
 
 _DESCRIPTION_FAULTS: Final = (
     LaserFaultOrder.UNIT_PIXEL,
     LaserFaultOrder.MISSING_FEATURES,
+    LaserFaultOrder.NO_CLOCK,
     LaserFaultOrder.CLEAR,
 )
 """Faults that change what the memory holds."""
@@ -62,19 +73,23 @@ class LoopbackSensor:
     columns : int
         Points of a profile.
     expose : callable
-        Takes a profile, of as many points.
+        Takes a profile, of as many points, as it is at a moment of `time.monotonic`; none until
+        that is known.
     begin : callable
         Is called whenever acquisition starts.
     report_line : callable
         Receives a line when a program takes control or gives it back.
+    clock : tuple of float
+        By how much its clock is ahead of this machine's, seconds, and how fast it runs, ppm.
     """
 
     host: str
     serial: str
     columns: int
-    expose: Callable[[], Profile]
+    expose: Callable[[float], Profile | None]
     begin: Callable[[], None]
     report_line: Callable[[str], None]
+    clock: tuple[float, float] = (0.0, 0.0)
     faults: dict[LaserFaultOrder, OrderedLaserFault] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -82,6 +97,7 @@ class LoopbackSensor:
         self._off_until = 0.0
         self._controller: Address | None = None
         self._heard = self._next_exposure = 0.0
+        self._exposing: deque[float] = deque()
         self._acquiring = False
         self._block = 0
         self._before: tuple[int, bytes] | None = None
@@ -124,9 +140,11 @@ class LoopbackSensor:
                 self.report_line("control lost: no heartbeat")
                 self._release()
         if self._runs_free and now >= self._next_exposure:
-            (rate,) = unpack_from(">d", self._memory.read(features.FRAME_RATE, 8) or bytes(8))
-            self._next_exposure = max(self._next_exposure + 1 / max(rate, 1.0), now)
-            self._expose(now)
+            self._exposing.append(self._next_exposure)
+            rate = max(self._number(features.FRAME_RATE), 1.0)
+            self._next_exposure = max(self._next_exposure + 1 / rate, now - LARGEST_DELAY)
+        if self._exposing and self._expose(self._exposing[0], now):
+            self._exposing.popleft()  # one at a time: no sensor catches up in a burst
         due = self._packets.take_due(now)
         port = self._memory.get(registers.STREAM_PORT) & 0xFFFF
         host = ".".join(
@@ -140,7 +158,18 @@ class LoopbackSensor:
         times = [] if next_due is None else [next_due]
         if self._runs_free:
             times.append(self._next_exposure)
+        if self._exposing:
+            times.append(max(self._exposing[0] + self._exposure, now + POSE_LOOK_PERIOD))
         return max(min(times) - now, 0.0) if times else None
+
+    @property
+    def _exposure(self) -> float:
+        """Seconds."""
+        return 1e-6 * self._number(features.EXPOSURE_TIME)
+
+    def _number(self, address: int) -> float:
+        (number,) = unpack_from(">d", self._memory.read(address, 8) or bytes(8))
+        return float(number)
 
     @property
     def _runs_free(self) -> bool:
@@ -200,7 +229,7 @@ class LoopbackSensor:
             return Status.ACCESS_DENIED
         if address == registers.TIME_CONTROL:
             if data[-1] & registers.LATCH_BIT:
-                self._memory.put(registers.TIME_HIGH, pack(">Q", _ticks(now)))
+                self._memory.put(registers.TIME_HIGH, pack(">Q", self._ticks(now)))
             return Status.SUCCESS
         self._memory.put(address, data)
         self._act_on_feature(address, data, now)
@@ -213,13 +242,15 @@ class LoopbackSensor:
             self._acquiring, self._next_exposure = True, now
             self._block, self._before = 0, None
             self._packets.clear()
+            self._exposing.clear()
             self.begin()
         elif address == features.ACQUISITION_STOP:
             self._acquiring = False
             self._packets.clear()
+            self._exposing.clear()
         elif address == features.SOFTWARE_TRIGGER:
             if self._acquiring and not self._runs_free:
-                self._expose(now)
+                self._exposing.append(now)
         elif address in (features.PIXEL_FORMAT, features.IMAGE_HEIGHT):
             state_scales(self._memory)
 
@@ -237,6 +268,7 @@ class LoopbackSensor:
             self.report_line("control given back")
         self._controller, self._acquiring = None, False
         self._packets.clear()
+        self._exposing.clear()
         self._memory.set(registers.CONTROL_PRIVILEGE, 0)
         self._memory.set(registers.STREAM_PORT, 0)
 
@@ -244,19 +276,24 @@ class LoopbackSensor:
     def _packet_size(self) -> int:
         return self._memory.get(registers.STREAM_PACKET_SIZE) & 0xFFFF
 
-    def _expose(self, now: float) -> None:
+    def _expose(self, begin: float, now: float) -> bool:
+        """Take and send a profile whose exposure begins at a moment; whether that is done."""
+        if now < begin + self._exposure:
+            return False
         layout, rows = format_of(self._memory), rows_of(self._memory)
         try:
-            profile = self.expose()
+            profile = self.expose(begin + self._exposure / 2)
         except TjscanError as error:  # the arm that carries it does not report its pose
             self.report_line(f"no profile: {error}")
-            return
+            return True
+        if profile is None:
+            return False
         if LaserFaultOrder.ALL_INVALID in self.faults:
             nothing = np.full(len(profile), np.nan)
             profile = Profile(nothing, nothing)
-        before, exposed = self._before, (_ticks(now), rows * encode_profile(profile, layout))
+        before, exposed = self._before, (self._ticks(begin), rows * encode_profile(profile, layout))
         if LaserFaultOrder.STALE in self.faults:
-            before = before or (_ticks(now - STALE_AGE), exposed[1])
+            before = before or (self._ticks(begin - STALE_AGE), exposed[1])
             self._send(*before, now)
         else:
             if LaserFaultOrder.BUFFERED in self.faults and before is not None:
@@ -264,11 +301,13 @@ class LoopbackSensor:
             self._send(*exposed, now)
             before = exposed
         self._before = before
+        return True
 
     def _send(self, time: int, data: bytes, now: float) -> None:
         layout, rows = format_of(self._memory), rows_of(self._memory)
         wrong = LaserFaultOrder.WRONG_FORMAT in self.faults
         self._block = self._block % 0xFFFF + 1
+        time = 0 if LaserFaultOrder.NO_STAMP in self.faults else time
         numbers, chunks = features.CHUNK_NUMBERS, []
         if self._memory.get(features.CHUNK_MODE):
             chunks = [
@@ -287,6 +326,10 @@ class LoopbackSensor:
         )
         self._packets.queue_block(block.number, pack_block(block, self._packet_size), now)
 
-
-def _ticks(now: float) -> int:
-    return round(registers.TICKS_PER_SECOND * now)
+    def _ticks(self, now: float) -> int:
+        """What its clock shows."""
+        ahead, ppm = self.clock
+        if LaserFaultOrder.WRONG_CLOCK in self.faults:
+            ppm = -9e5
+        ticks = round(registers.TICKS_PER_SECOND * (ahead + (1 + 1e-6 * ppm) * now))
+        return ticks - ticks % (COARSE_TICKS if LaserFaultOrder.COARSE_CLOCK in self.faults else 1)

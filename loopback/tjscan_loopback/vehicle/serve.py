@@ -17,6 +17,7 @@ from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError, VehicleLinkLost
 from tjscan.core.signals import survive_background_terminal_read
 from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt.settings import BrokerSettings
 from tjscan.vehicle.mqtt.wire import (
     COMMAND_TOPIC,
     COMMANDER_TOPIC,
@@ -114,9 +115,7 @@ def _linked(
     """Connect a vehicle; its messages wait in the inbox until it looks there."""
     inbox: Inbox = SimpleQueue()
     link = BrokerLink(
-        host,
-        port,
-        prefix=prefix,
+        BrokerSettings(host=host, port=port, prefix=prefix),
         presence_topic=PRESENCE_TOPIC,
         presence=PresenceMessage.at_start(vehicle.session, model, str(vehicle.number)),
         topics=(COMMAND_TOPIC, COMMANDER_TOPIC, TORCH_TOPIC, TORCH_COMMANDER_TOPIC),

@@ -11,6 +11,7 @@ from uuid import uuid4
 
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.mqtt.link import BrokerLink
+from tjscan.vehicle.mqtt.settings import BrokerSettings
 from tjscan.vehicle.mqtt.wire import (
     PASSER_BY_TOPIC,
     POSE_TOPIC,
@@ -183,9 +184,7 @@ class TowingBodies:
     def link(self, host: str, port: int, prefix: str) -> BrokerLink:
         """What sends where all are, not yet connected."""
         return BrokerLink(
-            host,
-            port,
-            prefix=prefix,
+            BrokerSettings(host=host, port=port, prefix=prefix),
             presence_topic=TRACKER_TOPIC,
             presence=PresenceMessage.at_start(self._session, "loopback tracker"),
             topics=(),

@@ -61,7 +61,7 @@ class LoopbackVehicle:
         self._report_line = report_line
         self._gate = MessageGate()
         self._twist: Twist | None = None
-        self._until = self._heard = -inf
+        self._until = self._heard = self._held_until = -inf
         self._sent = 0
         self._moving = False
         self._last_state = VehicleState(body.time, Twist(0.0, 0.0))
@@ -147,12 +147,18 @@ class LoopbackVehicle:
             self._twist = None
 
     def _receive_command(self, message: CommandMessage, now: float) -> None:
+        if message.order == "stop":  # whoever sends it, and whatever its number
+            self._twist = None
         if not self._gate.session:
             raise BadMessage("its program has not announced itself")
         reason = self._gate.reason_to_drop(message, now)
         if reason:
+            if message.order == "stop":
+                self._held_until = now + DEAD_MAN_TIME
             raise BadMessage(reason)
         self._heard = now
+        if now < self._held_until:
+            raise BadMessage("another client of the broker ordered a stop")
         on_tracks = message.sideways and not self.body.drives_sideways
         if message.order == "stop" or on_tracks:
             self._twist = None

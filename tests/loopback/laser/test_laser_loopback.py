@@ -25,11 +25,14 @@ from tjscan_loopback.laser.sensor import LoopbackSensor
 COLUMNS = 400
 CLIENT, OTHER = ("127.0.0.1", 5000), ("127.0.0.1", 5001)
 STREAM = 6000
+EXPOSURE = 1e-3
+"""Seconds, as it has it at first."""
+
 HALF_COUNT = 0.5e-3 * STEP_MM
 ROUNDING = 1e-12
 
 
-def profile(shift: float = 0.0) -> Profile:
+def profile(moment: float = 0.0, shift: float = 0.0) -> Profile:
     x = np.linspace(-0.05, 0.05, COLUMNS)
     z = 0.24 + 0.02 * np.sin(60 * x) + shift
     z[::7] = np.nan
@@ -73,6 +76,7 @@ class Client:
 
     def trigger(self) -> list[bytes]:
         assert self.write(features.SOFTWARE_TRIGGER, 1) == Status.SUCCESS
+        self.now += EXPOSURE
         return self.packets()
 
     def packets(self) -> list[bytes]:
@@ -258,14 +262,14 @@ def test_a_full_buffer_gives_the_profile_before_once_more_and_then_its_own(
     times = [
         LEADER_FIELDS.unpack_from(one, PACKET_HEADER.size)[2] for one in packets if one[4] == 1
     ]
-    assert times == [first, 11_000_000_000]
+    assert times == [first, 11_001_000_000]
 
 
 def test_without_a_pose_there_is_no_profile_and_it_goes_on() -> None:
     told: list[str] = []
     poses = iter([profile, fail, profile])
     sensor = LoopbackSensor(
-        "127.0.0.4", "7", COLUMNS, lambda: next(poses)(), lambda: None, told.append
+        "127.0.0.4", "7", COLUMNS, lambda moment: next(poses)(), lambda: None, told.append
     )
     client = Client(sensor)
     client.start()

@@ -226,7 +226,7 @@ def test_smoothing_takes_noise_away_and_leaves_a_parabola_and_a_jump() -> None:
         off = smooth_corners(sections) - np.array([one.points_b[1:4] for one in straight])
         return np.asarray(off[:, 0] @ sections[0].view.T_b_s[:3, 0])
 
-    np.testing.assert_allclose(smoothed(way), way, atol=1e-7)
+    np.testing.assert_allclose(smoothed(way), way, atol=3e-7)  # over its chords, not over s
     left = smoothed(way + noise)[4:-4] - way[4:-4]
     assert left.std() < 0.75 * noise.std()
     over = smoothed(step + noise)
@@ -238,8 +238,20 @@ def test_stamps_that_leap_are_refused(leap: float) -> None:
     clock = LaserClock(0.02, 1e-4, since=0.0, delays=(2e-3, 2e-3), state_period=0.002)
     for t in np.arange(0.0, 1.0, 0.005):
         clock.notice_arrival(float(t), float(t) + 0.022)
+
+    def leap_for_half_a_second() -> None:
+        for t in np.arange(1.0, 1.6, 0.005):
+            clock.notice_arrival(float(t) + leap, float(t) + 0.022)
+
     with pytest.raises(LaserFault, match="leaps"):
-        clock.notice_arrival(1.0 + leap, 1.022)
+        leap_for_half_a_second()
+
+
+def test_profiles_that_come_before_states_of_an_arm_that_are_late_are_no_leap() -> None:
+    clock = LaserClock(0.02, 1e-4, since=0.0, delays=(2e-3, 2e-3), state_period=0.002)
+    for t in np.arange(0.0, 4.0, 0.005):
+        clock.notice_arrival(float(t), float(t) + 0.022 - (0.1 if t % 1.0 < 0.2 else 0.0))
+        assert abs(clock.arm_time(float(t)) - (t + 0.02)) < 0.2e-3
 
 
 def test_profiles_that_arrive_late_do_not_bend_the_clock() -> None:

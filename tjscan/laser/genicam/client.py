@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from math import gcd, inf
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
@@ -24,6 +25,7 @@ from tjscan.core.devices import DeviceIdentity
 from tjscan.core.process import ClientMethodCall
 from tjscan.core.signals import ignore_ctrl_c
 from tjscan.laser.genicam import messages
+from tjscan.laser.genicam.receiving import BlockReceiver
 from tjscan.laser.genicam.settings import FeatureValue, GenicamSettings, ScanControlSettings
 
 DISCOVERY_TIMEOUT_MS: Final = (100, 300, 900)
@@ -38,6 +40,28 @@ LASER_CLOCK_READINGS: Final = 10
 
 TRIGGER_SELECTORS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
 """What a trigger may start, the first that there is."""
+
+CLOCK_CHECK_DURATION: Final = 0.3
+"""Seconds for which a laser's clock is held against this computer's before a stream."""
+
+COARSEST_CLOCK: Final = 1e-4
+"""Seconds by which a clock may go on at a time: at 0.2 m/s the flange moves by 0.02 mm."""
+
+LARGEST_CLOCK_ERROR: Final = 0.01
+"""Of a clock's rate: more is another number of ticks a second, no drift."""
+
+SLOWEST_SHARE: Final = 0.2
+"""Of the profiles a second that are wanted, which a laser can take at least."""
+
+SILENCE_UNTIL_ASKED: Final = 2.0
+"""Seconds without a block after which a laser is asked whether it is still there."""
+
+CLIENT_PRIORITY: Final = -10
+"""Of this process on the machine, as `nice` counts: it has little to do, and that at once."""
+
+RATE_FEATURE: Final = "AcquisitionFrameRate"
+
+STEPWISE_ADVICE: Final = 'Else set mode = "stepwise" in [scan]: the arm stands for each profile'
 
 PREFERRED_PIXEL_FORMATS: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
 
@@ -62,13 +86,17 @@ class GenicamClient:
         self._ticks_per_second = 0
         self._latches = False
         self._exposure: float | None = None
+        self._may_set_rate = True
+        self._receiver: BlockReceiver | None = None
+        self._began: int | None = None
+        self._heard = 0.0
 
     def connect(self, settings: GenicamSettings | ScanControlSettings) -> messages.ConnectedLaser:
         """Connect, set everything up, and begin to stream."""
         address = self._open_laser(settings.address, settings.serial)
         for name, value in settings.features.items():
             self._set_feature(name, value)
-        chosen = ""
+        chosen, self._may_set_rate = "", RATE_FEATURE not in settings.features
         if isinstance(settings, ScanControlSettings):
             self._margin = settings.margin
             for register, number in settings.registers.items():
@@ -96,15 +124,15 @@ class GenicamClient:
             columns=self._read_feature("Width", self._camera.get_integer) or 0,
             rows=self._read_feature("Height", self._camera.get_integer) or 0,
             packet_size=int.from_bytes(self._camera.read_register(PACKET_SIZE)) & 0xFFFF,
-            unit=self._read_feature("Scan3dDistanceUnit", self._camera.get_enum),
-            output_mode=self._read_feature("Scan3dOutputMode", self._camera.get_enum),
+            unit=self._read_enum("Scan3dDistanceUnit"),
+            output_mode=self._read_enum("Scan3dOutputMode"),
             x=self._read_axis_scale("CoordinateA"),
             z=self._read_axis_scale("CoordinateC"),
             exposure=self._exposure,
             latches=self._latches,
+            ticks_per_second=self._ticks_per_second,
         )
-        self._stream = self._camera.stream()  # from here on features may be locked
-        self._stream.__enter__()
+        self._open_stream()
         return laser
 
     def identity(self) -> DeviceIdentity:
@@ -115,6 +143,7 @@ class GenicamClient:
 
     def capture(self, attempts: int, timeout: float) -> messages.ReceivedBlock:
         """Take a block that was exposed after this call; trigger again while none comes."""
+        self.end_stream()
         latched, latched_at = self._latch_clock()
         stale, began = 0, time.monotonic()
         for attempt in range(1, attempts + 1):
@@ -134,6 +163,7 @@ class GenicamClient:
                     continue
                 when, later = messages.HostInterval(began, came), exposed - latched
                 if self._latches:
+                    later += round((self._exposure or 0.0) / 2 * self._ticks_per_second)
                     when = messages.host_time_of_exposure(later, self._ticks_per_second, latched_at)
                 return messages.ReceivedBlock(
                     data=frame.payload(),
@@ -155,11 +185,92 @@ class GenicamClient:
             "not waiting for another trigger."
         )
 
+    def check_stream(self, rate: float) -> None:
+        """Refuse a stream whose stamps tell nothing, or that is far from a number of profiles/s."""
+        if self._exposure is None or self._read_enum("ExposureAuto") not in (None, "Off"):
+            raise errors.LaserStampsRefused(
+                "the laser chooses its exposure itself, or does not state it, so that the middle "
+                'of it is not known. Set laser.genicam.exposure_us, and ExposureAuto = "Off" in '
+                f"laser.genicam.features. {STEPWISE_ADVICE}"
+            )
+        most = self._fastest_rate()
+        if most < SLOWEST_SHARE * rate:
+            raise errors.LaserStampsRefused(
+                f"the laser takes at most {most:g} profiles a second, and {SLOWEST_SHARE * rate:g} "
+                "are needed. Set a shorter exposure or a smaller range at the sensor. "
+                f"{STEPWISE_ADVICE}"
+            )
+        readings = [self._read_clock()]
+        while readings[-1][1].end < readings[0][1].begin + CLOCK_CHECK_DURATION:
+            time.sleep(CLOCK_CHECK_DURATION / LASER_CLOCK_READINGS)
+            readings.append(self._read_clock())
+        (first, began), (last, ended) = readings[0], readings[-1]
+        if last == first or self._ticks_per_second == 0:
+            raise errors.LaserStampsRefused(
+                "the laser's clock can't be read, or it does not state how many ticks it has a "
+                f"second, so that its stamps can't be checked. {STEPWISE_ADVICE}"
+            )
+        resolution = gcd(*(ticks - first for ticks, _ in readings[1:])) / self._ticks_per_second
+        if resolution > COARSEST_CLOCK:
+            raise errors.LaserStampsRefused(
+                f"the laser's clock goes on by {1e3 * resolution:g} ms at a time, and its stamps "
+                f"have to be good to {1e3 * COARSEST_CLOCK:g} ms. {STEPWISE_ADVICE}"
+            )
+        passed = (last - first) / self._ticks_per_second
+        host, doubt = ended.midpoint - began.midpoint, began.half_length + ended.half_length
+        if abs(passed - host) > LARGEST_CLOCK_ERROR * host + doubt:
+            raise errors.LaserStampsRefused(
+                f"the laser's clock went on by {1e3 * passed:.1f} ms in {1e3 * host:.1f} ms: it "
+                f"has other ticks than the {self._ticks_per_second:,} a second that it states. "
+                f"{STEPWISE_ADVICE}"
+            )
+
+    def begin_stream(self, rate: float) -> None:
+        """Let the laser run free, at a number of profiles a second if that can be set."""
+        self.end_stream()
+        self._close_stream()
+        if self._waits_for_trigger:
+            self._camera.disable_trigger(self._choose_trigger())
+        if self._may_set_rate and RATE_FEATURE in self._feature_names:
+            self._camera.set_frame_rate(min(rate, self._fastest_rate()))
+        self._began = self._read_clock()[0] if self._margin is None else None
+        self._open_stream()
+        self._heard = time.monotonic()
+        self._receiver = BlockReceiver(self._next_block)
+
+    def take_blocks(self, wait: float) -> list[messages.StampedBlock | None]:
+        """Blocks that came since the last call, None for each lost one; see `BlockReceiver.take`.
+
+        While none comes it is seen that the laser still answers.
+        """
+        if self._receiver is None:
+            raise errors.LaserFault("the laser's stream has ended")
+        blocks, now = self._receiver.take(wait), time.monotonic()
+        if blocks:
+            self._heard = now
+        elif now - self._heard > SILENCE_UNTIL_ASKED:
+            self._heard = now
+            self._read_clock()
+        return blocks
+
+    def end_stream(self) -> None:
+        """Let the laser do as it did before the stream, if there is one."""
+        if self._receiver is None:
+            return
+        self._receiver.close()
+        self._receiver = None
+        self._close_stream()
+        if self._waits_for_trigger:
+            self._camera.enable_trigger(self._choose_trigger(), "Software")
+        self._open_stream()
+
     def close(self) -> None:
         """Stop the stream and give the laser back."""
+        if self._receiver is not None:
+            self._receiver.close()
         if self._stream is not None:
             with suppress(GenicamError):
-                self._stream.__exit__(None, None, None)
+                self._close_stream()
         if self._camera is not None:
             with suppress(GenicamError):
                 self._camera.close()
@@ -186,6 +297,56 @@ class GenicamClient:
         return errors.LaserNotResponding(
             f"the laser does not answer: {words}. See its power and cable."
         )
+
+    def _open_stream(self) -> None:
+        self._stream = self._camera.stream()  # from here on features may be locked
+        self._stream.__enter__()
+
+    def _close_stream(self) -> None:
+        self._stream.__exit__(None, None, None)
+
+    def _next_block(self, wait: float) -> messages.StampedBlock | None:
+        """The next block of the stream; none if none came in that time."""
+        try:
+            frame = self._stream.next_frame(round(1e3 * wait))
+        except viva_genicam.TransportError:
+            return None
+        if frame is None:
+            raise errors.LaserNotResponding("the laser's stream has ended. Connect again.")
+        came, ticks = time.monotonic(), frame.ts_dev or 0
+        if self._began is not None:
+            self._check_first_stamp(ticks, self._began)
+            self._began = None
+        return messages.StampedBlock(
+            data=frame.payload(),
+            pixel_format=frame.pixel_format,
+            columns=frame.width,
+            rows=frame.height,
+            number=frame.block_id,
+            ticks=ticks,
+            came=came,
+        )
+
+    def _check_first_stamp(self, ticks: int, began: int) -> None:
+        """Refuse stamps that are not of the clock that is read."""
+        now, _ = self._read_clock()
+        if not began <= ticks <= now:
+            what = f"is {ticks}, while its clock went from {began} to {now}" if ticks else "is 0"
+            raise errors.LaserStampsRefused(
+                f"the stamp of the laser's first profile {what}: it does not tell when that was "
+                f"taken. See that its stream has time stamps, by its own clock. {STEPWISE_ADVICE}"
+            )
+
+    def _fastest_rate(self) -> float:
+        """Profiles a second at most; infinite if it does not say."""
+        most = None
+        if RATE_FEATURE in self._feature_names:
+            state = self._camera.feature_state(RATE_FEATURE)
+            most = state.range and state.range.max
+        return inf if most is None else float(most)
+
+    def _read_enum(self, name: str) -> Any:
+        return self._read_feature(name, self._camera.get_enum)
 
     @property
     def _feature_names(self) -> set[str]:
@@ -307,6 +468,10 @@ class GenicamClient:
                     pass
             self._camera.acquisition_start()
             return 0, messages.HostInterval(0.0, 0.0)
+        return self._read_clock()
+
+    def _read_clock(self) -> tuple[int, messages.HostInterval]:
+        """What the laser's clock shows, and when; raises if the laser does not obey."""
         before = time.monotonic()
         self._camera.write_register(TIME_CONTROL, CLOCK_LATCH_COMMAND)
         after = time.monotonic()
@@ -331,6 +496,8 @@ def _read_text(camera: Any, place: tuple[int, int]) -> str:
 def main() -> None:
     """Serve the main process's requests on the connection whose number is the only argument."""
     ignore_ctrl_c()
+    with suppress(OSError):  # if this user may: the library drops what is not taken within 20 ms
+        os.setpriority(os.PRIO_PROCESS, 0, CLIENT_PRIORITY)
     client, connection = GenicamClient(), Connection(int(sys.argv[1]))
     with suppress(EOFError, OSError):  # the main process is gone
         while True:

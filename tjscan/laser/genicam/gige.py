@@ -4,29 +4,44 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from math import inf
+from types import NoneType
 from typing import Final, Generic, Self, TypeVar
 
 from tjscan.core.devices import DeviceBase, DeviceIdentity
-from tjscan.core.errors import LaserFault, LaserNotResponding, ProfileFormatRefused, WrongLaser
+from tjscan.core.errors import (
+    LaserFault,
+    LaserNotResponding,
+    LaserStampsRefused,
+    ProfileFormatRefused,
+    WrongLaser,
+)
 from tjscan.core.process import ClientProcess
 from tjscan.laser import scancontrol
 from tjscan.laser.genicam.messages import (
     ConnectedLaser,
     HostInterval,
     ReceivedBlock,
+    StampedBlock,
     StatedAxis,
     exposure_on_cell_clock,
 )
 from tjscan.laser.genicam.settings import GenicamSettings, GigeSettings, ScanControlSettings
-from tjscan.laser.line_laser import LaserDescription
+from tjscan.laser.line_laser import LaserDescription, StreamedProfile
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, profile_of_row
 
 S = TypeVar("S", bound=GigeSettings)
 T = TypeVar("T")
+
+STREAM_ANSWER_LIMIT: Final = 5.0
+"""Seconds in which a stream begins or ends."""
+
+BLOCK_WAIT: Final = 0.02
+"""Seconds for which a block is waited for at a time."""
 
 ANSWER_SLACK: Final = 2.0
 """Seconds beyond its own time-outs that the client's process may take on a busy machine."""
@@ -54,6 +69,7 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
         self._process: ClientProcess | None = None
         self._known: DeviceIdentity | None = None
         self._laser: ConnectedLaser | None = None
+        self._streams = 0
 
     def __enter__(self) -> Self:
         """Connect, set the laser up, and read what its numbers mean.
@@ -83,6 +99,7 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
     def __exit__(self, *error: object) -> None:
         """Give the laser back, and end the client's process whatever it is doing."""
         process, self._process = self._process, None
+        self._streams += 1
         if process is not None:
             process.close(patience=LASER_RELEASE_TIMEOUT)
 
@@ -117,7 +134,8 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
         ProfileNotReceived, ProfileStale, ProfileFormatRefused
             If it sends no whole profile, none from after the call, or something else.
         """
-        table, laser = self.settings, self.connected
+        table = self.settings
+        self.connected  # noqa: B018 - refuses
         before = time.monotonic()
         cell = self._time()
         read = HostInterval(before, time.monotonic())
@@ -126,20 +144,63 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
         block = self._ask_client(ReceivedBlock, "capture", attempts, timeout, limit=limit)
         if block.attempts > 1:
             self._listener(RETRIGGERED_PROFILE_EVENT, f"it came with attempt {block.attempts}")
-        if laser.pixel_format and block.pixel_format != laser.pixel_format:
-            raise ProfileFormatRefused(
-                f"the laser sends {block.pixel_format}, and was set to {laser.pixel_format}. "
-                "Start again."
-            )
+        self._check_format(block)
         when, uncertainty = exposure_on_cell_clock(block.exposed, block.uncertainty, cell, read)
         return replace(self._parse_block(block), time=when, time_uncertainty=uncertainty)
+
+    def check_stream(self, period: float) -> None:
+        """Refuse a stream whose times can't be true. See `StreamingLaser.check_stream`."""
+        self._ask_client(NoneType, "check_stream", 1 / period, limit=STREAM_ANSWER_LIMIT)
+
+    def stream(self, period: float) -> Iterator[StreamedProfile | None]:
+        """Let it run free; see `StreamingLaser.stream`.
+
+        The client's process receives, however busy this one is.
+
+        Raises
+        ------
+        LaserNotResponding, LaserInUse
+            If the laser, or the control over it, was lost.
+        LaserStampsRefused, ProfileFormatRefused
+            If its stamps are not of its clock, or it sends something else.
+        LaserFault
+            If more than a minute of profiles wait.
+        """
+        number = self._streams = self._streams + 1
+        self._ask_client(NoneType, "begin_stream", 1 / period, limit=STREAM_ANSWER_LIMIT)
+        try:
+            while True:
+                limit = BLOCK_WAIT + ANSWER_SLACK
+                blocks = self._ask_client(list, "take_blocks", BLOCK_WAIT, limit=limit)
+                for block in blocks or [None]:
+                    yield None if block is None else self._streamed_profile(block)
+        finally:
+            if self._process is not None and self._streams == number:
+                with suppress(LaserFault):  # what comes next ends it, too
+                    self._ask_client(NoneType, "end_stream", limit=STREAM_ANSWER_LIMIT)
+
+    def _streamed_profile(self, block: StampedBlock) -> StreamedProfile:
+        self._check_format(block)
+        profile = replace(self._parse_block(block), time=self._time_of_stamp(block))
+        return StreamedProfile(profile, time.monotonic() - block.came)
+
+    @abstractmethod
+    def _time_of_stamp(self, block: StampedBlock) -> float:
+        """Middle of a block's exposure on the laser's clock, seconds."""
 
     @abstractmethod
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Find out what its payload means, or refuse it; the laser has just been connected."""
 
+    def _check_format(self, block: ReceivedBlock | StampedBlock) -> None:
+        wanted = self.connected.pixel_format
+        if wanted and block.pixel_format != wanted:
+            raise ProfileFormatRefused(
+                f"the laser sends {block.pixel_format}, and was set to {wanted}. Start again."
+            )
+
     @abstractmethod
-    def _parse_block(self, block: ReceivedBlock) -> Profile:
+    def _parse_block(self, block: ReceivedBlock | StampedBlock) -> Profile:
         """The profile in a block, without its time."""
 
     @abstractmethod
@@ -304,7 +365,7 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
     def _check_payload(self, laser: ConnectedLaser) -> None:
         scales_of_laser(laser, self.settings)  # refuses what it can't read
 
-    def _parse_block(self, block: ReceivedBlock) -> Profile:
+    def _parse_block(self, block: ReceivedBlock | StampedBlock) -> Profile:
         row = COORDINATE_FORMATS[block.pixel_format].point_size * block.columns
         if len(block.data) < row:
             raise ProfileFormatRefused(
@@ -312,6 +373,19 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
                 f"{block.pixel_format}"
             )
         return profile_of_row(block.data[:row], block.pixel_format, self.scales)
+
+    def check_stream(self, period: float) -> None:
+        """Refuse blocks of several rows, too: they have one stamp. See `GigeLaser`."""
+        if self.settings.rows != 1:
+            raise LaserStampsRefused(
+                f"a block of {self.settings.rows} rows has the stamp of one: set "
+                'laser.genicam.rows = 1, or mode = "stepwise" in [scan]'
+            )
+        super().check_stream(period)
+
+    def _time_of_stamp(self, block: StampedBlock) -> float:
+        laser = self.connected
+        return block.ticks / laser.ticks_per_second + (laser.exposure or 0.0) / 2
 
 
 class ScanControlLaser(GigeLaser[ScanControlSettings]):
@@ -327,6 +401,10 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
     time : callable
         Gives the seconds on the clock of the cell.
     """
+
+    def __init__(self, settings: ScanControlSettings, time: Callable[[], float]) -> None:
+        super().__init__(settings, time)
+        self._shutter: float | None = None
 
     def _describe_payload(self) -> tuple[int, str, list[float]]:
         table, scale = self.settings, self.settings.count_scale
@@ -345,5 +423,26 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Nothing is asked: the job states how it is set up."""
 
-    def _parse_block(self, block: ReceivedBlock) -> Profile:
+    def _parse_block(self, block: ReceivedBlock | StampedBlock) -> Profile:
         return scancontrol.parse_scancontrol(block.data, self.settings)
+
+    def check_stream(self, period: float) -> None:
+        """Its times come with the points; how many profiles a second, it was set up for."""
+        self.connected  # noqa: B018 - refuses
+        if self.settings.layout == "container" and not self.settings.time_stamp:
+            raise LaserStampsRefused(
+                "containers without a time stamp do not tell when they were taken: let the sensor "
+                "send it, and set laser.scancontrol.time_stamp = true"
+            )
+
+    def _time_of_stamp(self, block: StampedBlock) -> float:
+        if len(block.data) > scancontrol.scancontrol_profile_size(self.settings):
+            raise LaserStampsRefused(
+                "the sensor sends several profiles in a container: let it send one, or set "
+                'mode = "stepwise" in [scan]'
+            )
+        middle = scancontrol.middle_of_shutter(block.data)
+        if self._shutter is None:
+            self._shutter = middle
+        self._shutter += (middle - self._shutter) % scancontrol.CLOCK_TURN
+        return self._shutter

@@ -58,6 +58,8 @@ class ConnectedLaser:
         Seconds.
     latches : bool
         Whether its clock can be read.
+    ticks_per_second : int
+        Of its clock; 0 if not stated.
     """
 
     identity: DeviceIdentity
@@ -72,6 +74,7 @@ class ConnectedLaser:
     z: StatedAxis
     exposure: float | None
     latches: bool
+    ticks_per_second: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +104,35 @@ class ReceivedBlock:
     exposed: float
     uncertainty: float
     attempts: int
+
+
+@dataclass(frozen=True, slots=True)
+class StampedBlock:
+    """A block of a stream, and when it was exposed on the laser's own clock.
+
+    Parameters
+    ----------
+    data : bytes
+        Its payload.
+    pixel_format : str
+        Its format.
+    columns, rows : int
+        Points of a row, and rows.
+    number : int
+        Of the block: those that follow one another rise by one.
+    ticks : int
+        Of the laser's clock when its exposure began; 0 if it does not say.
+    came : float
+        When it came, in seconds of `time.monotonic`.
+    """
+
+    data: bytes
+    pixel_format: str
+    columns: int
+    rows: int
+    number: int
+    ticks: int
+    came: float
 
 
 LARGEST_CLOCK_DRIFT: Final = 1e-4

@@ -66,29 +66,19 @@ def extended_path(before: JointMotion, later: JointMotion, now: float) -> tuple[
     PathNotExtended
         If the later path comes too late, does not join, or has too many knots.
     """
-    before.replaced_by(later, now)
+    joined = before.replaced_by(later, now)
     start = float(later.times[0])
-    q, speed = before.at(start)
-    begun = max(int(np.searchsorted(before.times, now, side="right")) - 1, 0)
-    behind = slice(
-        begun, max(int(np.searchsorted(before.times, start - SHORTEST_PIECE)), begun + 1)
-    )
-    parts = (
-        np.concatenate((mine[behind], np.array([joint]), new[1:]))
-        for mine, joint, new in zip(
-            (before.times, before.q, before.speed),
-            (start, q, speed),
-            (later.times, later.q, later.speed),
-            strict=True,
-        )
-    )
-    path = JointMotion(*parts)
+    begun = max(int(np.searchsorted(joined.times, now, side="right")) - 1, 0)
+    kept = (joined.times < start - SHORTEST_PIECE) | (joined.times >= start)
+    kept[begun] = True
+    kept[:begun] = False
+    path = JointMotion(joined.times[kept], joined.q[kept], joined.speed[kept])
     if len(path.times) > knot_link.MOST_KNOTS:
         raise errors.PathNotExtended(
             f"a path to follow has {len(path.times)} knots from where the arm is, "
             f"{knot_link.MOST_KNOTS} are possible"
         )
-    return path, behind.stop - begun
+    return path, len(path.times) - len(later.times)
 
 
 class UrFollowing:
@@ -142,6 +132,8 @@ class UrFollowing:
             report = self._report()
             if report.runs and report.silence < self._session.settings.silence_limit:
                 break
+            if report.silence == np.inf:
+                raise self._session.end_session_for_fault(_fault_of_path(report))
             self._session.read_state()  # its fault, by name
             time.sleep(NEXT_STATE_REPORT_DELAY)
         else:

@@ -247,9 +247,11 @@ class ControllerSession:
     def end_session_for_fault(self, fault: errors.ArmFault) -> errors.ArmFault:
         """End the session for a fault: stop the arm by whatever still works; returns the fault."""
         if self.fault is None:
+            self.fault = fault
+            # First: a client whose link broke would start its own program when that comes back.
+            self.link.close()
             self.fault = self._find_cause_of_silence(fault)
             self.stop_program(self.fault)
-            self.link.close()
         return self.fault
 
     def stop_program(self, because: BaseException) -> None:

@@ -33,7 +33,7 @@ from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, result_frame
 from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.recording import read_recording_entries
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.sections_before import read_section
 from tjscan.scanning.stopping import StopRequest
 
@@ -77,6 +77,7 @@ class ScanShow:
     def __init__(self, context: ScanContext, title: str) -> None:
         self._frame = result_frame_of_job(context.job)
         self._last_b: Array | None = None
+        self._section_before: ScannedSection | None = None
         self._joint = context.joint if self._frame.T_b_j is not None else None
         self._edges = None if self._joint is None else feature_edges(self._joint)
         self.total = context.job.scan.expected_sections
@@ -122,7 +123,9 @@ class ScanShow:
     def _page_step_of_view(self, view: ProfileView) -> Step:
         label = f"section {view.index}, {view.substep}"
         drawn = {"arm": ArmPosture(view.q), **laser_fan_to_draw(view)}
-        facts = {"doing": label, "arm's clock": f"{view.time:.1f} s"}
+        follows = view.substep in (Substep.PASSING, Substep.FUSED)
+        doing = "following the groove" if follows else label
+        facts = {"doing": doing, "arm's clock": f"{view.time:.1f} s"}
         return Step(label, drawn, facts, profile=PlaneCurve.of_profile(view.profile))
 
     def _page_step_of_section(self, section: ScannedSection) -> Step:
@@ -132,9 +135,15 @@ class ScanShow:
         values, sigmas = self._values_of(measured)
         x = view.index if np.isnan(measured.azimuth) else np.degrees(measured.azimuth) % 360 / 30
         facts = {
-            "sections": f"{done} of {self.total}" if self.total else f"{done}",
+            "sections": f"{done} of {max(self.total, done)}" if self.total else f"{done}",
             "groove": ", ".join((groove.model, *groove.conditions)),
         }
+        before, self._section_before = self._section_before, section
+        if view.substep is Substep.FUSED and before is not None:
+            gone = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
+            passed = view.time - before.view.time
+            if passed > 0:
+                facts["speed"] = f"{1e3 * gone / passed:.0f} mm/s along the groove"
         for measure in (CORNER_DEVIATION_MEASURE, GROOVE_ANGLE_MEASURE, ROOT_OPENING_MEASURE):
             if measure is not CORNER_DEVIATION_MEASURE or self._joint is not None:
                 facts[measure.name] = _value_in_words(measure, values, sigmas)

@@ -65,9 +65,12 @@ def _scan_in_words(job: ScanJob) -> str:
         until = f"over {1e3 * scan.length:g} mm"
     if scan.sections is not None:
         until = f"{scan.sections} sections"
+    how = f"steps of {1e3 * scan.spacing:g} mm"
+    if scan.mode == "continuous":
+        how = f"a section every {1e3 * scan.spacing:g} mm, in motion at {1e3 * scan.speed:g} mm/s"
     return (
-        f"{scan.direction}, {until}, steps of {1e3 * scan.spacing:g} mm, pull angle "
-        f"{np.degrees(scan.pull_angle):g}°, stand-off {1e3 * scan.standoff:g} mm"
+        f"{scan.direction}, {until}, {how}, pull angle {np.degrees(scan.pull_angle):g}°, "
+        f"stand-off {1e3 * scan.standoff:g} mm"
     )
 
 
@@ -86,11 +89,18 @@ def _scan_findings(job: ScanJob, events: Sequence[RunEvent]) -> Iterator[str]:
 
 
 def _scan_charts(sections: Sequence[ScannedSection], job: ScanJob) -> Iterator[ReportChart]:
-    """Length of every step, and when each section was finished."""
+    """Length of every step, and when each section was finished, or how fast it was passed."""
     index = np.array([section.view.index for section in sections], dtype=float)
     origins = np.array([section.T_b_g[:3, 3] for section in sections]).reshape(-1, 3)
     steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
     title, asked = "distance from the section before", 1e3 * job.scan.spacing
     yield ReportChart(title, "section", "step / mm", index[1:], steps, asked)
     times = np.array([section.view.time - sections[0].view.time for section in sections])
+    if job.scan.mode == "continuous":
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speed, asked = steps / np.diff(times), 1e3 * job.scan.speed
+        yield ReportChart(
+            "speed along the groove", "section", "speed / mm/s", index[1:], speed, asked
+        )
+        return
     yield ReportChart("time of each section", "section", "arm's clock / s", index, times)

@@ -36,6 +36,7 @@ from tjscan.runs.scan.results import all_profile_points, corner_errors, write_ru
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.recording import read_recorded_scan
+from tjscan.scanning.sections_before import name_tack_ends
 from tjscan.stitching import registration
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.stations import (
@@ -288,7 +289,7 @@ def read_station_run(directory: Path) -> StationRun:
             )
         read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
-        sections = done.reread_sections(read)
+        sections = name_tack_ends(done.reread_sections(read))
         context = ScanContext(job, job_file)
         joint = context.joint
     if not (directory / run_files.SUMMARY_FILE).is_file():

@@ -29,7 +29,10 @@ LARGEST_DRIFT: Final = 3e-4
 EARLIEST_ARRIVAL: Final = 0.02
 LATEST_ARRIVAL: Final = 1.0
 """Seconds that a profile may be there before or after the quickest one would be: beyond them its
-stamp is wrong."""
+stamp is wrong. It seems to be there before where the arm's states are late: not for long."""
+
+LONGEST_EARLY: Final = 0.5
+"""Seconds of profiles that may all be there too early."""
 
 USUAL_DELAY_SPAN: Final = 5e-3
 """Seconds by which a profile may be later than usual and still tell of the clocks' drift."""
@@ -172,7 +175,7 @@ class LaserClock:
         self._variance = ARRIVAL_SIGMA**2 + state_period**2 / 12
         self._arrivals: list[tuple[float, float]] = [(0.0, self._usual)]
         self._block: list[tuple[float, float]] = []
-        self._last = -np.inf
+        self._last, self._believed = -np.inf, np.inf
 
     def arm_time(self, stamp: float) -> float:
         """Seconds on the arm's clock."""
@@ -192,7 +195,10 @@ class LaserClock:
         """
         delay = arrival - self.arm_time(stamp)
         late = delay - self._quickest
-        if stamp < self._last or not -EARLIEST_ARRIVAL < late < LATEST_ARRIVAL:
+        if late > -EARLIEST_ARRIVAL or stamp < self._believed:
+            self._believed = stamp
+        early = stamp - self._believed > LONGEST_EARLY
+        if stamp < self._last or early or late > LATEST_ARRIVAL:
             raise LaserFault(
                 f"the laser's clock leaps: a profile came {1e3 * late:.0f} ms later than its stamp "
                 f"lets expect, {1e3 * (stamp - self._last):.0f} ms after the one before. See that "

@@ -1,4 +1,4 @@
-"""One profile out of those taken within a millimetre along the groove."""
+"""One profile out of those taken within a millimetre or more along the groove."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ from tjscan.scanning.section import ProfileView, Substep
 LARGEST_HALF_WIDTH: Final = 1e-3
 """Metres to either side of a place within which profiles are fused: over more of the groove the
 section turns and its edges bend within what is fused."""
+
+WIDER_BEHIND: Final = (2e-3, 3e-3)
+"""Metres behind a place within which they are fused, too, where nearer ones leave a corner unsure:
+what misled their reading rarely goes on."""
 
 
 class ProfileFuser:
@@ -43,7 +47,9 @@ class ProfileFuser:
         self._last, self.gone, self._recent = (T_b_s @ self._p_s_t)[:3], gone, []
         self._next_place = gone + self._spacing
 
-    def add(self, view: ProfileView, along_b: Array) -> Iterator[tuple[float, ProfileView]]:
+    def add(
+        self, view: ProfileView, along_b: Array
+    ) -> Iterator[tuple[float, Iterator[ProfileView]]]:
         """Add a profile; yields places that lie behind and what was seen there, as one view.
 
         Parameters
@@ -57,8 +63,8 @@ class ProfileFuser:
         ------
         place : float
             Metres gone along the groove where the middle one of the profiles was taken.
-        view : ProfileView
-            From the pose of that one.
+        views : iterator of ProfileView
+            From the pose of that one; each out of more profiles than the one before.
         """
         here = (view.T_b_s @ self._p_s_t)[:3]
         if self._last is not None:
@@ -69,11 +75,18 @@ class ProfileFuser:
         while self.gone >= self._next_place + half:
             place = self._next_place
             self._next_place += self._spacing
-            near = [(s, one) for s, one in self._recent if abs(s - place) <= half]
-            if near:
-                s, middle = min(near, key=lambda one: abs(one[0] - place))
-                yield s, fuse_profiles([one for _, one in near], middle, along_b)
-            self._recent = [one for one in self._recent if one[0] > place - self._spacing]
+            if min(abs(s - place) for s, _ in self._recent) <= half:
+                s, middle = min(self._recent, key=lambda one: abs(one[0] - place))
+                yield s, self._fused(place, half, middle, along_b)
+            farthest = place - max(self._spacing, *WIDER_BEHIND)
+            self._recent = [one for one in self._recent if one[0] > farthest]
+
+    def _fused(
+        self, place: float, half: float, middle: ProfileView, along_b: Array
+    ) -> Iterator[ProfileView]:
+        for behind in (half, *WIDER_BEHIND):
+            near = [one for s, one in self._recent if -behind <= s - place <= half]
+            yield fuse_profiles(near, middle, along_b)
 
 
 def fuse_profiles(views: Sequence[ProfileView], middle: ProfileView, along_b: Array) -> ProfileView:

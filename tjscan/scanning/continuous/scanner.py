@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import dist
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,12 @@ from tjscan.robot.following import Following
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
 from tjscan.scanning import sections_before
-from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_offset
+from tjscan.scanning.continuous.clocks import (
+    LATEST_ARRIVAL,
+    LaserClock,
+    ShuttleViews,
+    clock_offset,
+)
 from tjscan.scanning.continuous.fusing import ProfileFuser
 from tjscan.scanning.continuous.path_ahead import FollowedPath, PathAhead
 from tjscan.scanning.continuous.poses import ActualPoses
@@ -28,12 +34,11 @@ from tjscan.scanning.journal import (
     ScanResult,
     StopReason,
     groove_length,
-    reason_to_stop,
 )
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ProfileView, StepRequest, Substep
+from tjscan.scanning.section import ProfileView, ScannedSection, Sections, StepRequest, Substep
 from tjscan.scanning.sections_before import PLANNING_SPACING, planning_sections
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
@@ -55,6 +60,9 @@ LONGEST_GAP: Final = 8e-3
 
 LEAST_STEP: Final = 5e-3
 """Metres of a step from rest."""
+
+UNSURE_SIGMA: Final = 0.3e-3
+"""Metres, standard deviation of a corner from which a section is read in more profiles."""
 
 FEWEST_SHUTTLE_SECTIONS: Final = 6
 """Sections read in each quarter of a shuttle from which the laser's clock is laid on the arm's."""
@@ -106,6 +114,7 @@ class ContinuousScanner(Scanner):
         )
         self._arm, laser = devices_that_follow(setup.arm, setup.laser)
         p_s_t = np.array((plan.offset, 0.0, plan.standoff))
+        self._kinematics = kinematics
         self._planner = PathAhead(kinematics, limits, plan.speed, setup.T_f_s, p_s_t)
         self._T_b_f_second = T_b_f_second
         self._second_point = self._planner.groove_point(T_b_f_second)
@@ -119,11 +128,13 @@ class ContinuousScanner(Scanner):
         # last, and of the second taught pose.
         self._length = self._planned_length = self._second_length = 0.0
         self._length_of: dict[int, float] = {}
-        self._passed_second = self._closed = False
+        self._passed_second = self._left_first = self._closed = False
         self._why_not_on = ""
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
         """Scan from two taught flange poses. See `Scanner.run`."""
+        first = self._kinematics.inverse(T_b_f_first, near=self._setup.arm.state().q)
+        self._planner.check_plan(first, T_b_f_second, self._plan.horizon)
         state = self._taker.move_joint_to_pose(T_b_f_first)
         self._scan_taught("first", state)
         self._check_direction(self._second_point, LEAST_TAUGHT_DISTANCE)
@@ -144,6 +155,8 @@ class ContinuousScanner(Scanner):
         sections = self._log.sections
         self._lay_clock(self._setup.arm.state())
         origins = np.array([section.T_b_g[:3, 3] for section in sections])
+        near = CLOSING_SPACINGS * self._plan.section_spacing
+        self._left_first = bool(np.linalg.norm(origins - origins[0], axis=1).max() > 2 * near)
         from_second = np.linalg.norm(origins - self._second_point, axis=1)
         nearest = int(from_second.argmin())
         if len(planning_sections(sections)) == 1:
@@ -214,10 +227,12 @@ class ContinuousScanner(Scanner):
         """
         rests, self._path_before, start = False, path, self._length
         with self._arm.follow() as following:
+            stream = self._stream.placed(following, self._clock)
+            next(stream)  # a laser takes its time to begin
             if path.leads_on:
                 path = path.begun_from_rest(self._setup.arm.state().time)
                 following.replace(path.motion)
-            for placed in self._stream.placed(following, self._clock):
+            for placed in stream:
                 self._stop.raise_if_stop_now()
                 for state, profile in placed:
                     self._take(state, profile)
@@ -231,22 +246,32 @@ class ContinuousScanner(Scanner):
                     path = self._lead_on(following, path)
                 # A laser that is silent is waited for, if it is still needed.
                 done = self._reason_to_stop() is not None
-                heard = self._poses.latest if done else self._stream.heard
-                if heard > path.end + SETTLING_TIME:
+                rest = path.end + SETTLING_TIME
+                behind = self._poses.latest - following.now
+                if following.now > rest if done else self._stream.has_passed(rest + behind):
                     return asked
         raise AssertionError("a stream has no end")
 
     def _take(self, state: ArmState, profile: Profile) -> None:
         """Record a profile that was taken in passing, and read the sections it completes."""
         view = self._record_view(state, profile)
-        for length, fused in self._fuser.add(view, self._along_b):
+        for length, views in self._fuser.add(view, self._along_b):
             missed = length > self._length + LONGEST_GAP
             if missed or length > self._end_length or self._closed:
                 return
-            try:
-                self._read(length, replace(fused, index=len(self._log.sections)))
-            except errors.GrooveNotFound as error:
-                self._why_not_on = str(error)
+            sections, before = [], planning_sections(self._log.sections)
+            for fused in views:
+                try:
+                    sections.append(self._read(length, fused, before))
+                except errors.GrooveNotFound as error:
+                    self._why_not_on = str(error)
+                else:
+                    if _unsureness(sections[-1].groove) < UNSURE_SIGMA:
+                        break
+            if sections:
+                surest = min(sections, key=lambda one: _unsureness(one.groove))
+                self._log.record(surest.view)
+                self._finish(length, surest)
 
     def _record_view(self, state: ArmState, profile: Profile) -> ProfileView:
         """Record a profile taken in passing, its time on the arm's clock.
@@ -263,7 +288,7 @@ class ContinuousScanner(Scanner):
         self._log.record(view)
         return view
 
-    def _read(self, length: float, view: ProfileView) -> None:
+    def _read(self, length: float, view: ProfileView, before: Sections) -> ScannedSection:
         """Read a section in the profiles about a place.
 
         Raises
@@ -275,22 +300,26 @@ class ContinuousScanner(Scanner):
         def wanted(groove: GrooveSection) -> Array:
             return self._plan.target_pose_in_sensor(groove.work_angle)
 
-        self._log.record(view)
-        finished = self._log.sections
-        section = sections_before.read_section(self._setup.read, view, wanted, finished)
+        view = replace(view, index=len(self._log.sections))
+        section = sections_before.read_section(self._setup.read, view, wanted, before)
         sections_before.check_section_orientation(section.groove)
-        if len(before := planning_sections(finished)) > 1:
+        if len(before) > 1:
             last = before[-2]
             gone = length - self._length_of.get(last.view.index, length - PLANNING_SPACING)
             step = max(gone, PLANNING_SPACING)
             ahead = StepRequest(last, last.T_b_g[:3, 3] + step * self._along_b, step)
             sections_before.check_section_one_step_ahead(section, ahead)
             sections_before.check_measures_plausible(section, ahead)
+        return section
+
+    def _finish(self, length: float, section: ScannedSection) -> None:
+        """Add a section, and see whether the groove is closed with it."""
         self._finish_section(section)
         self._length = self._length_of[section.view.index] = length
-        around = replace(self._plan, length=None)
-        closed = reason_to_stop(around, finished, CLOSING_SPACINGS * self._plan.section_spacing)
-        self._closed = closed is not None
+        origins = (one.T_b_g[:3, 3] for one in (section, self._log.sections[0]))
+        away, near = dist(*origins), CLOSING_SPACINGS * self._plan.section_spacing
+        self._left_first |= away > 2 * near
+        self._closed = self._left_first and away < near
 
     def _lead_on(self, following: Following, path: FollowedPath) -> FollowedPath:
         """Lead the path on along the seam that the sections show, if it can be."""
@@ -301,7 +330,7 @@ class ContinuousScanner(Scanner):
         try:
             seam = predict_seam(sections, self._plan, self._plan.horizon)
             self._along_b = seam.T_b_t[0, :3, 0]
-            new = self._planner.extend(path, seam, self._length, end, self._poses.latest)
+            new = self._planner.extend(path, seam, self._length, end, following.now)
             following.replace(new.motion)
         except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathNotExtended) as error:
             self._why_not_on = str(error)
@@ -313,7 +342,7 @@ class ContinuousScanner(Scanner):
     def _lead_to_rest(self, following: Following, path: FollowedPath) -> tuple[FollowedPath, bool]:
         """Let the path end as soon as the arm can rest on it; whether it does."""
         try:
-            new = self._planner.shorten(path, self._poses.latest)
+            new = self._planner.shorten(path, following.now)
             if new is not path:
                 following.replace(new.motion)
         except (errors.PoseUnreachable, errors.PathNotExtended):
@@ -347,21 +376,30 @@ class ContinuousScanner(Scanner):
         profiles, arrivals, seen = [], [], []
         path = self._planner.shuttle(state.q, state.time)
         with self._arm.follow() as following:
+            stream = self._stream.profiles(following)
+            next(stream)
             path = path.begun_from_rest(self._setup.arm.state().time)
             following.replace(path.motion)
-            for profile in self._stream.profiles(following):
+            for profile in stream:
                 self._stop.raise_if_stop_now()
                 if profile is not None:
                     profiles.append(profile)
-                    arrivals.append(self._poses.latest - profile.time)
+                    arrivals.append(self._stream.heard - profile.time)
+                    if max(arrivals) - min(arrivals) > LATEST_ARRIVAL:
+                        raise errors.LaserFault(
+                            f"profiles came {min(arrivals):.1f} to {max(arrivals):.1f} s after "
+                            "their stamps: these are no times on a clock that runs evenly. Set the "
+                            "laser to stamp each profile in seconds, when it is taken"
+                        )
                     try:
                         seen.append((profile.time, self._setup.read(profile, prior=None)))
                     except errors.GrooveNotFound as error:
                         self._why_not_on = str(error)
-                if self._poses.latest > path.end + SETTLING_TIME:
-                    break
+                    behind = self._poses.latest - following.now
+                    if profile.time + min(arrivals) > path.end + behind + SETTLING_TIME:
+                        break
         # In each quarter of the way: a part of it tells a wrong offset as surely as the right one.
-        quarters = np.linspace(path.gone.times[0], path.end, 5)
+        quarters = np.linspace(path.gone.times[0], path.end + behind, 5)
         late = min(arrivals, default=0.0)
         read, _ = np.histogram([stamp + late for stamp, _ in seen], quarters)
         if read.min() < FEWEST_SHUTTLE_SECTIONS:
@@ -389,3 +427,10 @@ class ContinuousScanner(Scanner):
             f"the arm's clock is {1e3 * offset:.2f} ± {1e3 * sigma:.2f} ms ahead of the laser's, "
             f"from {len(seen)} profiles of a shuttle across the groove",
         )
+
+
+def _unsureness(groove: GrooveSection) -> float:
+    """Largest standard deviation of the corners that are seen, metres."""
+    seen = [name not in groove.absent for name in ("p2", "p3", "p4")]
+    variances = np.trace(groove.corner_covariances_s[seen], axis1=1, axis2=2)
+    return float(np.sqrt(variances.max(initial=0.0)))

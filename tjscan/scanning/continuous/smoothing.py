@@ -8,13 +8,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, unit_vector
+from tjscan.groove.root import ROOT_NOT_SEEN, SEAM_BESIDE
 from tjscan.scanning.seam_fit import ARM_REPEATABILITY
 from tjscan.scanning.section import ScannedSection, Sections
 
-HALF_WIDTH: Final = 6e-3
+HALF_WIDTH: Final = 12e-3
 """Metres to either side over which a corner's way is a parabola: the bend of the tightest groove
-changes it by micrometres there."""
+changes it by micrometres there, and a bevel of two facets is misread for ten millimetres on end."""
 
 FEWEST_NEIGHBOURS: Final = 5
 """Sections within the width below which a corner stays as it was read."""
@@ -60,14 +61,19 @@ def smooth_corners(sections: Sections) -> Array:
 
 def _alike(sections: Sections, along: Array, way: Array, sigma: Array) -> list[NDArray[np.intp]]:
     """Numbers of the sections of each stretch of one form, one condition, and no jump."""
-    changes = [_form(one) != _form(next_) for one, next_ in pairwise(sections)]
+    forms: list[tuple[object, ...]] = [()]
+    for section in sections:
+        forms.append(_form(section) or forms[-1])
+    changes = [one != next_ for one, next_ in pairwise(forms[1:])]
     jumps = _jumps(along, way, sigma) | _jumps(-along[::-1], way[::-1], sigma[::-1])[::-1]
     breaks = np.flatnonzero(np.array(changes, dtype=bool) | jumps) + 1
     return np.split(np.arange(len(sections)), breaks)
 
 
 def _form(section: ScannedSection) -> tuple[object, ...]:
-    return section.groove.on_tack, section.groove.absent, section.groove.conditions
+    """What the groove is like; empty where the root was not seen: as before, then."""
+    conditions = set(section.groove.conditions) - {SEAM_BESIDE}  # beside, nothing changes
+    return () if ROOT_NOT_SEEN in conditions else (section.groove.absent, conditions)
 
 
 def _jumps(along: Array, way: Array, sigma: Array) -> NDArray[np.bool_]:
@@ -75,13 +81,16 @@ def _jumps(along: Array, way: Array, sigma: Array) -> NDArray[np.bool_]:
     n, found = SECTIONS_BEFORE_A_JUMP, np.zeros(max(len(way) - 1, 0), dtype=bool)
     for i in range(n - 1, len(way) - 2):
         s = along[i - n + 1 : i + 1] - along[i]
-        A = np.column_stack((np.ones(n), s))
-        fit, *_ = np.linalg.lstsq(A, way[i - n + 1 : i + 1], rcond=None)
+        weight = 1.0 / sigma[i - n + 1 : i + 1, None]
+        A = weight * np.column_stack((np.ones(n), s))
+        fit, *_ = np.linalg.lstsq(A, weight * way[i - n + 1 : i + 1], rcond=None)
         spread = np.linalg.inv(A.T @ A)
         for later in (i + 1, i + 2):
             row = np.array((1.0, along[later] - along[i]))
-            expected = np.hypot(sigma[later], sigma[i] * np.sqrt(row @ spread @ row))
-            if np.linalg.norm(way[later] - row @ fit) <= JUMP_SIGMAS * expected:
+            expected = np.sqrt(sigma[later] ** 2 + row @ spread @ row)
+            off = way[later] - row @ fit
+            across = off - (off @ unit_vector(fit[1])) * unit_vector(fit[1])
+            if np.linalg.norm(across) <= JUMP_SIGMAS * expected:
                 break
         else:
             found[i] = True

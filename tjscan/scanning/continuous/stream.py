@@ -13,7 +13,7 @@ from tjscan.laser.line_laser import LineLaser, StreamingLaser
 from tjscan.laser.profile import Profile, ProfileRepeats
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.following import Following, FollowingArm, check_can_follow
-from tjscan.scanning.continuous.clocks import LaserClock
+from tjscan.scanning.continuous.clocks import LATEST_ARRIVAL, LaserClock
 from tjscan.scanning.continuous.poses import ActualPoses
 
 PROFILE_PERIOD: Final = 0.005
@@ -49,7 +49,7 @@ class PlacedProfiles:
     Parameters
     ----------
     laser : StreamingLaser
-        Takes the profiles.
+        Takes the profiles; it is connected.
     poses : ActualPoses
         Learns the arm's states.
     repeats : ProfileRepeats
@@ -58,15 +58,25 @@ class PlacedProfiles:
     Attributes
     ----------
     heard : float
-        When the laser was heard last, seconds on the arm's clock.
+        When the latest profile came that was taken, seconds on the arm's clock.
+    placed_until : float
+        When the latest profile was taken that has its state, seconds on the arm's clock.
+
+    Raises
+    ------
+    LaserFault
+        If the laser's stamps can't be true.
     """
 
     def __init__(self, laser: StreamingLaser, poses: ActualPoses, repeats: ProfileRepeats) -> None:
+        laser.check_stream(PROFILE_PERIOD)
         self._laser, self._poses, self._repeats = laser, poses, repeats
-        self.heard = np.inf
+        self.heard, self.placed_until = np.inf, -np.inf
 
     def profiles(self, following: Following) -> Iterator[Profile | None]:
         """Profiles as they arrive, None where one is missing or came before; never ends.
+
+        The laser streams from the first on.
 
         Raises
         ------
@@ -75,20 +85,25 @@ class PlacedProfiles:
         ArmFault
             If the arm stopped.
         """
-        self.heard = np.inf
+        self.heard = quiet_since = np.inf
         self._poses.begin()
-        for profile in self._laser.stream(PROFILE_PERIOD):
+        for streamed in self._laser.stream(PROFILE_PERIOD):
             self._poses.add(following.states())
             latest = self._poses.latest
-            if profile is not None or self.heard > latest:
-                self.heard = latest
-            if latest - self.heard > LONGEST_SILENCE:
+            if streamed is not None or quiet_since > latest:
+                quiet_since = latest
+                self.heard = latest - (0.0 if streamed is None else streamed.waited)
+            elif latest - quiet_since > LONGEST_SILENCE:
                 raise LaserFault(
-                    f"no profile came for {latest - self.heard:.0f} s. See that the laser measures "
-                    "and its cable sits, then go on with --resume"
+                    f"no profile came for {latest - quiet_since:.0f} s. See that the laser "
+                    "measures and its cable sits, then go on with --resume"
                 )
-            is_new = profile is not None and not self._repeats.is_repeat(profile)
-            yield profile if is_new else None
+            is_new = streamed is not None and not self._repeats.is_repeat(streamed.profile)
+            yield streamed.profile if streamed is not None and is_new else None
+
+    def has_passed(self, time: float) -> bool:
+        """Whether all profiles until a time on the arm's clock were placed, or will not come."""
+        return self.placed_until > time or self.heard > time + LATEST_ARRIVAL
 
     def placed(
         self, following: Following, clock: LaserClock
@@ -100,7 +115,7 @@ class PlacedProfiles:
         pending: deque[Profile] = deque()
         for profile in self.profiles(following):
             if profile is not None:
-                clock.notice_arrival(profile.time, self._poses.latest)
+                clock.notice_arrival(profile.time, self.heard)
                 if len(pending) == MOST_PENDING:
                     raise LaserFault(
                         "the laser's stamps are a second ahead of the arm's states. See that "
@@ -110,6 +125,7 @@ class PlacedProfiles:
             ready = []
             while pending and (time := clock.arm_time(pending[0].time)) <= self._poses.latest:
                 profile = pending.popleft()
+                self.placed_until = time
                 if self._poses.cover(time):
                     ready.append((self._poses.at(time), profile))
             yield ready

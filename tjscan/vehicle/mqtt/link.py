@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import socket
+import ssl
 import threading
 import time
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import inf
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Final, Self
 from uuid import uuid4
@@ -17,8 +20,8 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
 from tjscan.core.devices import DeviceBase
-from tjscan.core.errors import VehicleLinkLost
-from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
+from tjscan.core.errors import ConfigurationError, VehicleLinkLost
+from tjscan.vehicle.mqtt.settings import BrokerSettings, MqttLocalisationSettings, MqttSettings
 from tjscan.vehicle.mqtt.wire import REPORTED_DROP_COUNTS, BadMessage, PresenceMessage, WireMessage
 
 BROKER_KEEP_ALIVE: Final = 2
@@ -60,10 +63,8 @@ class BrokerLink:
 
     Parameters
     ----------
-    host, port : str and int
-        Of the broker; nothing else is connected to.
-    prefix : str
-        Of all topics.
+    broker : BrokerSettings
+        The broker, and the prefix of all topics; nothing else is connected to.
     presence_topic : str
         Topic on which this end announces itself, and the broker that it went.
     presence : PresenceMessage
@@ -76,9 +77,7 @@ class BrokerLink:
         Takes whether the link is up, each time that changes, in that thread.
     """
 
-    host: str
-    port: int
-    prefix: str
+    broker: BrokerSettings
     presence_topic: str
     presence: PresenceMessage
     topics: Collection[str] = ()
@@ -86,7 +85,7 @@ class BrokerLink:
     changed: Callable[[bool], None] = lambda up: None
 
     def __post_init__(self) -> None:
-        self._number = 0
+        self._number, self._refused = 0, ""
         self._up = threading.Event()
         self._client = self._make_client()
 
@@ -107,22 +106,34 @@ class BrokerLink:
         ------
         VehicleLinkLost
             If there is no broker that takes this client.
+        ConfigurationError
+            If the file of the password or the certificate can't be read.
         """
+        host, port = self.broker.host, self.broker.port
+        self._refused = ""
         self._client = self._make_client()
+        self._identify_itself()
         self._client.connect_timeout = limit
         try:
-            self._client.connect(self.host, self.port, BROKER_KEEP_ALIVE)
+            self._client.connect(host, port, BROKER_KEEP_ALIVE)
+        except ssl.SSLError as error:
+            raise VehicleLinkLost(
+                f"the MQTT broker at {host}:{port} does not prove who it is: {error}. See that "
+                f"{self.broker.ca_file} signs its certificate, which names {host}, and that the "
+                "port is the one with TLS"
+            ) from None
         except OSError as error:
             raise VehicleLinkLost(
-                f"there is no MQTT broker at {self.host}:{self.port} ({error}). Start one, for "
-                f"instance: mosquitto -p {self.port}"
+                f"there is no MQTT broker at {host}:{port} ({error}). Start one, for "
+                f"instance: mosquitto -p {port}"
             ) from None
         self._client.loop_start()
         if not self._up.wait(limit):
             self.close()
             raise VehicleLinkLost(
-                f"the MQTT broker at {self.host}:{self.port} does not take this client. See its "
-                "log."
+                f"the MQTT broker at {host}:{port} does not take this client"
+                f"{f': {self._refused}' if self._refused else ''}. See user, password_file and "
+                "ca_file, and the broker's log."
             )
 
     def publish(self, topic: str, payload: bytes) -> None:
@@ -145,7 +156,7 @@ class BrokerLink:
         """Announce that this end goes, and disconnect."""
         if self.is_up:
             with suppress(RuntimeError, ValueError):  # it broke this very moment
-                self._publish_presence(alive=False).wait_for_publish(FAREWELL_TIMEOUT)
+                self.announce(alive=False).wait_for_publish(FAREWELL_TIMEOUT)
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -162,10 +173,24 @@ class BrokerLink:
         )
         return client
 
-    def _full_topic(self, topic: str) -> str:
-        return f"{self.prefix}/{topic}"
+    def _identify_itself(self) -> None:
+        broker, file = self.broker, ""
+        try:
+            if file := broker.password_file:
+                password = Path(file).read_text(encoding="utf-8").strip()
+                self._client.username_pw_set(broker.user, password)
+            elif broker.user:
+                self._client.username_pw_set(broker.user)
+            if file := broker.ca_file:
+                self._client.tls_set(file)
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigurationError(f"can't use {file} for the broker's link: {error}") from None
 
-    def _publish_presence(self, *, alive: bool) -> MQTTMessageInfo:
+    def _full_topic(self, topic: str) -> str:
+        return f"{self.broker.prefix}/{topic}"
+
+    def announce(self, *, alive: bool = True) -> MQTTMessageInfo:
+        """Say who this end is, and whether it is there."""
         self._number += 1
         message = replace(self.presence, alive=alive, number=self._number, time=time.monotonic())
         return self._client.publish(
@@ -176,10 +201,11 @@ class BrokerLink:
         self, client: Client, data: Any, flags: ConnectFlags, code: ReasonCode, properties: Any
     ) -> None:
         if code.is_failure:
+            self._refused = str(code)
             return
         if self.topics:
             client.subscribe([(self._full_topic(topic), 0) for topic in self.topics])
-        self._publish_presence(alive=True)
+        self.announce()
         self._up.set()
         self.changed(True)
 
@@ -190,7 +216,7 @@ class BrokerLink:
         self.changed(False)
 
     def _on_message(self, client: Client, data: Any, message: MQTTMessage) -> None:
-        topic = message.topic.removeprefix(f"{self.prefix}/")
+        topic = message.topic.removeprefix(f"{self.broker.prefix}/")
         self.receive(
             ReceivedMessage(topic, bytes(message.payload), message.retain, time.monotonic())
         )
@@ -250,15 +276,14 @@ class BrokerClient(DeviceBase):
 
     def _reset_before_connecting(self) -> None:
         """Know nothing of the device yet."""
-        self._connected = False
+        self._connected, self._paused, self._called = False, 0.0, inf
         self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._session, self._number = uuid4().hex, 0
         self.dropped = 0
         """Messages that were dropped since connecting, for they were none or came out of order."""
-        address = self._broker.host, self._broker.port, self._broker.prefix
         here, topics = PresenceMessage.at_start(self._session), self._topics
         self._link: BrokerLink = BrokerLink(
-            *address, self._presence_topic, here, topics, self._receive, self._link_changed
+            self._broker, self._presence_topic, here, topics, self._receive, self._link_changed
         )
 
     def _wait_until_ready(self) -> None:
@@ -266,6 +291,20 @@ class BrokerClient(DeviceBase):
 
     def _leave_at_rest(self) -> None:
         """Bring the device to rest, while the link still is there."""
+
+    def _note_call(self) -> None:
+        """Take note of a call: how long ago the caller's last one was tells who is silent."""
+        now = time.monotonic()
+        self._paused, self._called = now - self._called, now
+
+    def _held_up(self, limit: float) -> str:
+        """What to say of a silence of which the caller is the cause; empty if it is not."""
+        if self._paused < limit:
+            return ""
+        return (
+            f"this program was held up for {self._paused:.1f} s, and what it commands has stopped "
+            "by itself. See what else this computer does, then start again."
+        )
 
     def _deliver_events(self) -> None:
         with suppress(Empty):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from annotated_types import Ge, Le, Len, MinLen
@@ -23,13 +24,27 @@ class BrokerSettings(SettingsTable):
         Its port.
     prefix : str
         Of the topics.
+    user : str
+        Whom the broker lets in; empty where it lets in anyone.
+    password_file : str
+        Absolute path of a file with the user's password: a job is copied into each run.
+    ca_file : str
+        Absolute path of the certificate that signs the broker's; with it the link is encrypted.
     """
 
     host: Annotated[str, MinLen(1)] = "127.0.0.1"
     port: Annotated[int, Ge(1), Le(65535)] = 1883
     prefix: str = "tjscan"
+    user: str = ""
+    password_file: str = ""
+    ca_file: str = ""
 
     def __post_init__(self) -> None:
+        if self.password_file and not self.user:
+            raise ValueError("password_file needs user, whose password it is")
+        for name in ("password_file", "ca_file"):
+            if (path := getattr(self, name)) and not Path(path).is_absolute():
+                raise ValueError(f"{name} is a file's absolute path, not {path}")
         if set(self.prefix) & set("+#\0") or self.prefix.startswith(("$", "/")):
             raise ValueError("prefix is a topic: without + and #, and not behind $ or /")
 

@@ -66,12 +66,15 @@ class MqttTorch(BrokerClient):
         DriveFault
             If it reports a fault.
         """
+        self._note_call()
         self._y, self._z = min(max(y, -self._reach), self._reach), z
         self._send_command()
         state = self._state
-        if state is None or time.monotonic() - self._heard > self._settings.silence_limit:
+        limit = self._settings.silence_limit
+        if state is None or time.monotonic() - self._heard > limit:
             raise VehicleLinkLost(
-                f"the torch of {self._settings.prefix} has been silent for "
+                self._held_up(limit)
+                or f"the torch of {self._settings.prefix} has been silent for "
                 f"{time.monotonic() - self._heard:.1f} s"
             )
         if state.fault:

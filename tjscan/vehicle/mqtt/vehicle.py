@@ -15,10 +15,14 @@ from tjscan.core.frames import Array, pose, rot_z
 from tjscan.vehicle.mqtt import wire
 from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttSettings
+from tjscan.vehicle.ordered_motion import OrderedMotion
 from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState, check_twist, merge_unread_states
 
 ORDER_REPEAT_PERIOD: Final = 0.05
 """Seconds after which the last order is sent again."""
+
+ANNOUNCEMENT_PERIOD: Final = 0.25
+"""Seconds after which a program that is not obeyed yet announces itself again."""
 
 MOST_WAITING_STATES: Final = 300
 """States that wait to be read, 3 s of them; older ones are dropped then. Without one its way is not
@@ -42,7 +46,9 @@ class MqttVehicle(BrokerClient):
         self.settings = settings
         self.dead_man = settings.dead_man
         super().__init__(
-            settings, wire.COMMANDER_TOPIC, (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC)
+            settings,
+            wire.COMMANDER_TOPIC,
+            (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC, wire.COMMAND_TOPIC),
         )
 
     def _reset_before_connecting(self) -> None:
@@ -51,11 +57,12 @@ class MqttVehicle(BrokerClient):
         self._wake: SimpleQueue[bool] = SimpleQueue()
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order: tuple[Twist, float] | None = None
+        self._ordered, self._echoed, self._has_commanded = OrderedMotion(), 0, False
         self._newest_pose: wire.PoseMessage | None = None
         self._read_until: float | None = None
         self._pose: wire.PoseMessage | None = None  # at the last state that was read
         self._identity = DeviceIdentity()
-        self._fault = self._commander = self._lost = ""
+        self._fault = self._commander = self._lost = self._alarm = ""
         self._heard, self._stopped = time.monotonic(), False
         super()._reset_before_connecting()
 
@@ -73,6 +80,7 @@ class MqttVehicle(BrokerClient):
 
     def command(self, twist: Twist) -> None:
         """Hold a twist until the next command. See `Vehicle.command`."""
+        self._note_call()
         self._deliver_events()
         self._check_link()
         check_twist(twist)
@@ -82,6 +90,7 @@ class MqttVehicle(BrokerClient):
             )
         if self._commander not in ("", self._session):
             raise self._other_commander_error()
+        self._check_no_alarm()
         if self._stopped:
             raise errors.VehicleStopped
         self._order = twist, time.monotonic()
@@ -89,7 +98,9 @@ class MqttVehicle(BrokerClient):
 
     def next_state(self) -> VehicleState:
         """Wait for the next state. See `Vehicle.next_state`."""
+        self._note_call()
         self._deliver_events()
+        self._check_no_alarm()
         if not self._connected:
             self._check_link()
         try:
@@ -105,6 +116,7 @@ class MqttVehicle(BrokerClient):
         self._pose = received[-1][1]
         merged = merge_unread_states([state for state, _ in received], self._read_until)
         self._read_until = merged.time
+        self._called = time.monotonic()  # to wait was no pause
         return merged
 
     def true_pose(self) -> Array:
@@ -132,7 +144,7 @@ class MqttVehicle(BrokerClient):
 
     def accept_commands_again(self) -> None:
         """Take commands again after a stop. See `Vehicle.accept_commands_again`."""
-        self._order, self._stopped = None, False
+        self._order, self._stopped, self._alarm = None, False, ""
 
     # What the driver's own thread does
 
@@ -150,6 +162,10 @@ class MqttVehicle(BrokerClient):
         if order is not None and not self._stopped:
             hold = max(order[1] + self.dead_man - now, 0.0)
         twist = order[0] if order is not None and hold else AT_REST
+        self._has_commanded |= self._commander == self._session
+        if not self._has_commanded:
+            return  # another program's vehicle would obey a stop
+        self._ordered.order(twist, now)
         self._publish(
             wire.COMMAND_TOPIC,
             wire.CommandMessage,
@@ -168,6 +184,8 @@ class MqttVehicle(BrokerClient):
             raise wire.BadMessage("the broker kept it from before")
         elif received.topic == wire.STATE_TOPIC:
             self._receive_state(wire.StateMessage.from_json(received.payload), received.time)
+        elif received.topic == wire.COMMAND_TOPIC:
+            self._receive_command(wire.CommandMessage.from_json(received.payload))
         elif received.topic == wire.POSE_TOPIC:
             message = wire.PoseMessage.from_json(received.payload)
             self._pose_gate.measuring_time(message, received.time)
@@ -191,10 +209,32 @@ class MqttVehicle(BrokerClient):
             raise wire.BadMessage(reason)
         self._heard, self._lost = now, ""
         self._fault, self._commander = message.fault, message.commander
+        if self._has_commanded and self._ordered.contradicts(message.state.odometry, now):
+            odometry = message.state.odometry
+            self._raise_alarm(
+                f"the vehicle drives {1e3 * odometry.speed:.0f} mm/s and turns "
+                f"{odometry.turn_rate:.2f} rad/s, which this program did not order"
+            )
         if self._states.qsize() >= MOST_WAITING_STATES:
             self._states.get()
             self._note_dropped("a state that was not read in time")
         self._states.put((message.state, self._newest_pose))
+
+    def _receive_command(self, message: wire.CommandMessage) -> None:
+        """See who else commands the vehicle: a broker sends back what this program sent, once."""
+        if message.session == self._session and self._echoed < message.number <= self._number:
+            self._echoed = message.number
+            return
+        if message.order == "stop":
+            self._raise_alarm("another client of the broker ordered the vehicle to stop")
+        raise wire.BadMessage("another client of the broker commands the vehicle")
+
+    def _raise_alarm(self, why: str) -> None:
+        """Stop, and end what this program does with the vehicle."""
+        if not self._alarm:
+            self._alarm = why
+            self._events.put(("vehicle-alarm", why))
+        self.stop()
 
     def _link_changed(self, up: bool) -> None:
         if not up and self._connected:
@@ -212,18 +252,29 @@ class MqttVehicle(BrokerClient):
         self._sender = threading.Thread(target=self._send_orders, daemon=True)
         self._sender.start()
         until = time.monotonic() + self.settings.connect_limit
+        due = time.monotonic() + ANNOUNCEMENT_PERIOD
         s = self.settings
         while self._commander != self._session:
-            try:
-                self._states.get(timeout=max(until - time.monotonic(), 0))
-            except Empty:
+            with suppress(Empty):
+                self._states.get(timeout=ANNOUNCEMENT_PERIOD)
+            if time.monotonic() > due:  # who commands it may fall silent
+                self._link.announce()
+                due += ANNOUNCEMENT_PERIOD
+            if time.monotonic() > until:
                 if self._commander:
-                    raise self._other_commander_error() from None
+                    raise self._other_commander_error()
                 raise errors.VehicleLinkLost(
                     f"the broker at {s.host}:{s.port} knows no vehicle {s.prefix} that reports "
                     "states and takes commands. See that it is on, or correct vehicle.mqtt.prefix."
-                ) from None
+                )
         self._pose = self._newest_pose
+
+    def _check_no_alarm(self) -> None:
+        if self._alarm:
+            raise errors.UnorderedMotion(
+                f"{self._alarm}. This program has stopped it. See what else is connected to the "
+                f"broker at {self.settings.host}:{self.settings.port}, then start again."
+            )
 
     def _check_link(self) -> None:
         if not self._connected:
@@ -236,10 +287,12 @@ class MqttVehicle(BrokerClient):
     def _link_lost_error(self) -> errors.VehicleLinkLost:
         self._order = None
         self._deliver_events()
-        why = self._lost or f"no new state came for {self.settings.silence_limit:g} s"
+        limit = self.settings.silence_limit
+        why = self._lost or f"no new state came for {limit:g} s"
         return errors.VehicleLinkLost(
-            f"{why}. The vehicle stops by itself. See that it and its network are on, then start "
-            "again."
+            self._held_up(limit)
+            or f"{why}. The vehicle stops by itself. See that it and its network are on, then "
+            "start again."
         )
 
     def _other_commander_error(self) -> errors.VehicleFault:

@@ -29,6 +29,12 @@ MOST_MESSAGE_BYTES: Final = 4096
 LONGEST_MESSAGE_DELAY: Final = 0.25
 """Seconds by which a message may come later than the quickest one did: half the dead-man time."""
 
+MOST_MESSAGES_LOST: Final = 1000
+"""Messages on a topic by which a number may leap; and as many for each second of silence."""
+
+LEAST_CLOCK_JUMP: Final = 2.0
+"""Seconds: what comes later, or earlier, than this after the quickest has another clock."""
+
 LARGEST_CLOCK_RATE_ERROR: Final = 1e-3
 """By how much two clocks may differ in rate."""
 
@@ -309,7 +315,9 @@ class MessageGate:
             number, time = self._last
             if message.number <= number:
                 return f"number {message.number} came after {number}"
-            if message.time <= time:
+            if message.number > number + MOST_MESSAGES_LOST * (1.0 + now - self._heard):
+                return f"number {message.number} leaps ahead of {number}"
+            if not time < message.time < now - self._offset + LEAST_CLOCK_JUMP:
                 return f"its clock went from {time:.3f} s to {message.time:.3f} s"
         offset = now - message.time
         quickest = min(offset, self._offset + LARGEST_CLOCK_RATE_ERROR * (now - self._heard))
@@ -369,9 +377,6 @@ class TorchStateMessage(WireMessage):
 
 TAKEOVER_SILENCE: Final = 0.5
 """Seconds of silence after which another sender may take over."""
-
-LEAST_CLOCK_JUMP: Final = 2.0
-"""Seconds: what comes later, or earlier, than this after the quickest has another clock."""
 
 OTHER_CLOCK_CONFIRMATIONS: Final = 10
 """Messages in a row that must agree on another clock before it counts."""
