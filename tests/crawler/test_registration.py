@@ -82,7 +82,8 @@ def test_bead_that_rises_along_the_joint_is_no_noisier_than_one_that_does_not() 
     def rising(along: float) -> HullJoint:
         return HullJoint(beads=(replace(CAPPED.beads[0], crown=2e-3 + 0.4 * along),))
 
-    rng, even, errors, sigmas = np.random.default_rng(3), [], [], []
+    rng, even = np.random.default_rng(3), list[float]()
+    errors, sigmas = list[float](), list[float]()
     beyond = np.linspace(-2e-3, 2e-3, 10)
     for _ in range(20):
         profiles = [see(rising(at), rng) for at in beyond.tolist()]

@@ -255,7 +255,7 @@ def _changes_along(index: NDArray[np.intp], along: Array, values: Array) -> Arra
         if len(seen):
             middle[:, seen] = [_medians_by_index(part, v[half]) for v in (along, values)]
     step, rise = middles[1] - middles[0]
-    return np.nan_to_num(rise / step)
+    return np.asarray(np.nan_to_num(rise / step))
 
 
 def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
