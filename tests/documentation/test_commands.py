@@ -60,6 +60,7 @@ PARSED: Final = {
     r"tjscan teach (?!.*--lead-mm)": "no hand leads a simulated arm",
     r"tjscan groove first.csv": "the file comes from a real laser",
     r"tjscan calibrate": "takes minutes; tests/calibration/test_calibrate_command.py runs it",
+    r"tjscan place": "takes half a minute; tests/runs/place/test_place.py runs it",
     r"tjscan stitch": "takes minutes; tests/runs/test_stitch_command.py runs it",
     r"tjscan chain": "takes minutes; tests/runs/test_chain.py runs it",
     r"tjscan laser ": "needs a laser; tests/loopback/laser/test_laser_loopback.py has one",

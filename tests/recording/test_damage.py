@@ -3,6 +3,7 @@
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -114,6 +115,34 @@ def test_a_chunk_that_is_cut_out_as_a_whole_is_missed(tmp_path: Path) -> None:
     file.write_bytes(data[: ends[0]] + data[ends[1] :])
     with pytest.raises(RecordingError, match="1 messages are missing before message 2"):
         content(tmp_path)
+
+
+def test_chunks_that_are_lost_doubled_or_swapped_are_missed(tmp_path: Path) -> None:
+    file, ends, dice = tmp_path / "scan.mcap", [], random.Random(1)
+    with RecordingWriter(file, TOPICS) as recording:
+        ends.append(len(file.read_bytes()))
+        for i in range(9):
+            recording.write(i, (COUNT, Count(i)))
+            recording.sync_to_disk()
+            ends.append(len(file.read_bytes()))
+    data = file.read_bytes()
+    chunks = [data[a:b] for a, b in pairwise(ends)]
+    for _ in range(300):
+        order = list(range(9))
+        first, last = sorted(dice.sample(range(10), 2))
+        match dice.randrange(3):
+            case 0:
+                del order[first:last]
+            case 1:
+                order[last:last] = order[first:last]
+            case 2:
+                order[first], order[last % 9] = order[last % 9], order[first]
+        if order == list(range(9)):
+            continue
+        file.write_bytes(data[: ends[0]] + b"".join(chunks[i] for i in order) + data[ends[-1] :])
+        with pytest.raises(RecordingError):
+            content(tmp_path)
+        assert count_messages(file) >= 9
 
 
 def test_a_damage_that_costs_no_message_is_none(tmp_path: Path) -> None:

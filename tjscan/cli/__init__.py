@@ -44,6 +44,7 @@ for its_app in (crawl_app, tow_app, weld_app):
 
 COMMAND_GROUPS: Final = (
     (app, "scan", ("scan", "teach", "doctor", "laser", "reprocess", "stitch")),
+    (app, "place", ("place",)),
     (app, "calibrate", ("calibrate",)),
     (app, "results", ("groove", "compare", "export", "report", "view")),
     (app, "plan", ("plan",)),

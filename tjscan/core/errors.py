@@ -75,6 +75,10 @@ class PoseUnreachable(FlangePoseRefused):
     refusal = "the flange can't reach"
 
 
+class JointOutOfReach(TjscanError):
+    """An arm can't scan a joint's groove all round, wherever it stands."""
+
+
 class PathBlocked(PoseUnreachable):
     """On the way there the arm, or what it carries, would come too near to something.
 

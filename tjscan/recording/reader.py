@@ -18,7 +18,7 @@ from zlib import crc32
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.records import Header as McapHeader
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
@@ -33,6 +33,7 @@ _RECORD_LAYOUT: Final = struct.Struct("<BQ")  # opcode, and length of what follo
 _CHUNK_LAYOUT: Final = struct.Struct("<QQQIIQ")  # times, size, CRC, length of compression, size
 _FILE_FOOTER_BYTES: Final = _RECORD_LAYOUT.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
 _DATA_END_LENGTH: Final = 4
+_CHECKSUM_BYTES: Final = 4
 
 _CHUNK_START_PATTERN: Final = re.compile(
     rb"\x06(?=.{3}\x00{5}.{16}.{3}\x00{5}.{4}\x00{4}.{3}\x00{5})", re.DOTALL
@@ -126,6 +127,7 @@ def read_mcap_records(
             place = whole
             continue
         if records is None:
+            yield from _read_statistics(stream, place + _RECORD_LAYOUT.size + length)
             return
         yield from records
         place += _RECORD_LAYOUT.size + length
@@ -160,6 +162,19 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
     if length > MAX_RECORD_BYTES:
         raise ValueError(f"it has {length} bytes: none is so long")
     return length, _parse_record(head + stream.read(length))
+
+
+def _read_statistics(stream: BinaryIO, place: int) -> Iterator[Statistics]:
+    """What a finished file states of itself behind its data, if that is whole."""
+    stream.seek(place)
+    summary = stream.read(MAX_RECORD_BYTES)
+    stated = summary[-len(MCAP0_MAGIC) - _CHECKSUM_BYTES : -len(MCAP0_MAGIC)]
+    if crc32(summary[: -len(MCAP0_MAGIC) - _CHECKSUM_BYTES]) != int.from_bytes(stated, "little"):
+        return  # or no summary, or one too long
+    with suppress(*_RECORD_ERRORS):
+        for record in StreamReader(BytesIO(summary), skip_magic=True).records:
+            if isinstance(record, Statistics):
+                yield record
 
 
 def _check_cut_chunk(opcode: int, length: int, stream: BinaryIO) -> None:
@@ -278,6 +293,14 @@ class MissingMessages:
         self.expected = number + 1
         self.noticed.clear()
 
+    def end_data(self, stated: int) -> None:
+        """Take the number behind the last message, as a finished file states it."""
+        if missing := stated - self.expected:
+            self.expected = stated
+            self.noticed.append(f"{missing} messages are missing at its end")
+            self._report_noticed(is_at_end=True)
+            self.noticed.clear()
+
     def end_file(self, following: RecordingHeader | None) -> None:
         """Take the head of the part that follows this file; None if none does."""
         if following is not None:
@@ -338,10 +361,12 @@ def read_messages(
     asked = {topic.name: topic for topic in topics}
     schemas: dict[int, str] = {}
     channels: dict[int, Topic[Any] | None] = {}
-    count = MissingMessages(file, report_damage)
+    count, before = MissingMessages(file, report_damage), 0
     for record in _read_records(file, count.noticed.append):
         if isinstance(record, RecordingHeader):
-            count.expected = record.messages_before
+            count.expected = before = record.messages_before
+        elif isinstance(record, Statistics):
+            count.end_data(before + record.message_count)
         elif isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
@@ -375,10 +400,12 @@ def count_messages(file: Path) -> int:
     ConfigurationError, RecordingError
         As `read_messages` does; damages are passed over.
     """
-    count = 0
+    count = before = 0
     for record in _read_records(file, lambda _: None):
         if isinstance(record, RecordingHeader):
-            count = record.messages_before
+            count = before = record.messages_before
+        elif isinstance(record, Statistics):  # what was lost since is counted
+            count = before + record.message_count
         elif isinstance(record, Message):
             count = record.sequence + 1
     return count

@@ -114,6 +114,19 @@ class ClearPathPlanner:
         self._check_clear_of_singularities(motion.q, T_b_f)
         self._check_clear_of_bodies(motion.q, T_b_f)
 
+    def keeps_clear(self, q: Array, spare: float = 0.0) -> bool:
+        """Whether bodies are no nearer to each other than their margins.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n,)
+            Joint angles, radians.
+        spare : float, optional
+            Metres more to what is around the arm.
+        """
+        around = np.array([not pair.own for pair in self._model.pairs], dtype=bool)
+        return bool((self._model.distances(q) >= self._margins_of_pairs + spare * around).all())
+
     def line_is_clear(self, q: Array, goal: Array) -> bool:
         """Whether a line in joint space keeps clear, and ends in no singularity.
 

@@ -7,7 +7,7 @@ import pytest
 from studies import ANY_JOINT, Expand, expand_in, settings_of
 
 from tjscan.core.frames import rotation_angle_between
-from tjscan.runs.scan.study import azimuth_further_along, ideal_sensor_pose
+from tjscan.runs.scan.ideal_views import azimuth_further_along, ideal_sensor_pose
 
 
 @pytest.fixture

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from cyclopts import App
 
 JOB_KIND_OF_COMMAND: Final[Mapping[tuple[str, ...], str]] = {
-    **{(w,): "scan" for w in ("scan", "teach", "doctor", "laser", "reprocess", "laser-loopback")},
+    **{
+        (w,): "scan"
+        for w in ("scan", "place", "teach", "doctor", "laser", "reprocess", "laser-loopback")
+    },
     ("weld",): "weld",
     ("calibrate",): "calibrate",
     **{("crawl", word): "crawl" for word in ("run", "size", "calibrate", "register", "replay")},

@@ -1,0 +1,119 @@
+"""Places of an arm's base about a joint: arcs that are reached, and a job that scans all of it."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import tjscan
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from tjscan.core.frames import inverse_pose, pose, rot_z
+from tjscan.job.files import read_scan_job
+from tjscan.robot.kinematics import Kinematics
+from tjscan.runs.place.search import (
+    ReachedArc,
+    fewest_stations,
+    longest_run,
+    reached_arcs,
+)
+from tjscan.runs.scan.run import ScanContext, check_scan_job
+
+CAD = Path(__file__).parents[3] / "cad"
+AZIMUTHS, OVERLAP = 24, 3
+
+
+def arc(first: int, count: int) -> ReachedArc:
+    return ReachedArc((0.0, 0.0, 0.0), np.eye(4), first, count, np.zeros((count, 6)))
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=40))
+def test_the_longest_run_on_a_ring(holds: list[bool]) -> None:
+    first, count = longest_run(np.array(holds))
+    n = len(holds)
+    assert all(holds[(first + k) % n] for k in range(count))
+    runs = [next((k for k in range(n) if not holds[(start + k) % n]), n) for start in range(n)]
+    assert count == max(runs)
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, AZIMUTHS - 1), st.integers(1, AZIMUTHS)), min_size=1, max_size=8
+    )
+)
+def test_few_arcs_cover_all_round_with_overlaps(drawn: list[tuple[int, int]]) -> None:
+    chosen = fewest_stations([arc(*one) for one in drawn], AZIMUTHS, OVERLAP, most=4)
+    assume(chosen)
+    times = np.zeros(AZIMUTHS, dtype=int)
+    for one in chosen:
+        times[np.arange(one.first, one.first + one.count) % AZIMUTHS] += 1
+    assert times.min() >= 1
+    joints = [(a, b) for a, b in zip(chosen, (*chosen[1:], chosen[0]), strict=True)]
+    for a, b in joints:
+        ahead = (b.first - a.first - 1) % AZIMUTHS + 1
+        assert a.count - ahead >= OVERLAP or len(chosen) == 1
+
+
+def test_three_thirds_need_all_three_and_two_halves_are_fewer() -> None:
+    thirds = [arc(first, 11) for first in (0, 8, 16)]
+    assert len(fewest_stations(thirds, AZIMUTHS, OVERLAP, most=4)) == 3
+    assert len(fewest_stations([*thirds, arc(2, 15), arc(14, 15)], AZIMUTHS, OVERLAP, 4)) == 2
+    assert fewest_stations(thirds[:2], AZIMUTHS, OVERLAP, most=4) == ()
+    assert fewest_stations(thirds, AZIMUTHS, OVERLAP, most=2) == ()
+
+
+def test_joint_angles_of_an_arc_put_the_flange_there_without_a_jump() -> None:
+    arm = Kinematics.load("ur10e")
+    middle = pose(p=(0.7, 0.1, 0.5))
+    turns = 2 * np.pi * np.arange(36) / 36
+    T_w_f = np.array(
+        [middle @ pose(rot_z(a), (0.2 * np.cos(a), 0.2 * np.sin(a), 0)) for a in turns]
+    )
+    T_w_b = pose(rot_z(0.3), (0.05, 0.0, 0.1))
+    arcs = reached_arcs(arm, T_w_f, T_w_b)
+    assert max(one.count for one in arcs) > 12
+    for one in arcs:
+        assert (arm.joint_limit_excess(one.q) <= 0).all()
+        assert np.abs(np.diff(one.q, axis=0)).max(initial=0.0) < np.radians(30)
+        for k, q in enumerate(one.q):
+            wanted = inverse_pose(T_w_b) @ T_w_f[(one.first + k) % 36]
+            np.testing.assert_allclose(arm.forward(q), wanted, atol=1e-6)
+
+
+def test_a_joint_of_ones_own_becomes_a_job_that_scans_it_all_round(tmp_path: Path) -> None:
+    joint = tmp_path / "own.toml"
+    text = (CAD / "tjoint-406x324.toml").read_text(encoding="utf-8")
+    joint.write_text(text.replace("angle_deg = 90.0", "angle_deg = 75.0"), encoding="utf-8")
+    job = tmp_path / "job.toml"
+    assert tjscan("place", joint, "ur10e", "--tilt-deg", "45", "--out", job, pictures=True) == 0
+    assert job.with_suffix(".png").stat().st_size > 10_000
+    table = tomllib.loads(job.read_text(encoding="utf-8"))
+    assert table["joint"]["file"] == "own.toml"
+    whole = read_scan_job(job)
+    check_scan_job(ScanContext(whole, job))  # the way is clear, and a groove is read
+    length = sum(one["length_mm"] + table["scan"]["step_mm"] for one in table["station"])
+    assert length > np.pi * 323.9 * 1.1  # all round, and the overlaps
+    assert tjscan("place", joint, "ur10e", "--out", job, pictures=True) == 2  # nothing overwritten
+
+
+def test_an_arm_that_is_too_small_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "job.toml"
+    joint = CAD / "tjoint-600x457.toml"
+    assert tjscan("place", joint, "ur5e", "--out", out, pictures=True) == 1
+    assert "reach the groove all round" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_start_poses_that_see_no_groove_are_no_sound_job(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tjscan("init", "ur10e", "--out", tmp_path, pictures=True) == 0
+    job = tmp_path / "ur10e.toml"
+    assert tjscan("scan", job, "--dry-run", pictures=True) == 0
+    capsys.readouterr()
+    moved = "--joint.position-mm=[522, 903, -428]"
+    assert tjscan("scan", job, "--dry-run", moved, pictures=True) == 4
+    assert "at the first taught pose" in capsys.readouterr().err

@@ -1,0 +1,329 @@
+"""Place a joint before an arm: the job that scans all of its groove, from the fewest stations."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.core.config import table_to_dict
+from tjscan.core.errors import JointOutOfReach, PoseUnreachable
+from tjscan.core.frames import Array, Mask, inverse_pose, pose, rot_y, transform_points
+from tjscan.job.cell import sensor_mount_of_job
+from tjscan.job.files import ScanJob, read_scan_job
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import read_joint
+from tjscan.robot.clearance import ClearPathPlanner
+from tjscan.robot.collision import CollisionModel
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.settings import Box, Cylinder, Solid, SolidShape
+from tjscan.runs.place import search
+from tjscan.runs.place.search import AZIMUTHS_TRIED, ReachedArc
+from tjscan.runs.scan.ideal_views import (
+    azimuth_further_along,
+    ideal_sensor_pose,
+    plan_with_centred_groove,
+    pose_to_table,
+)
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.target import ScanDirection
+
+ROOM_BELOW: Final = 0.55
+"""Metres from the floor to the leg."""
+
+MOUNT_RADIUS, MOUNT_LENGTH, MOUNT_ROOM = 0.1, 0.3, 0.15
+"""Metres: of what a base stands on or hangs from, and how near its axis the tubes may come."""
+
+LEAST_OVERLAP: Final = 30.0
+"""Degrees of the groove that neighbouring stations both scan."""
+
+SPARE_DEGREES: Final = 9.0
+"""That a station reaches beyond what it scans: the joint stands elsewhere than stated, a little."""
+
+MOST_STATIONS: Final = 6
+
+SPARE_ROOM, SPARE_SINGULAR = 0.01, 1.5
+"""Metres more than a job's margin that the arm keeps from what is around it, and by what it keeps
+clearer of singularities: a scan differs from what is planned here."""
+
+LONGEST_STEP_SHARE: Final = 0.1
+"""Of the brace's diameter: a longer step of the template is shortened to it."""
+
+RETREAT_DISTANCES: Final = (0.12, 0.08, 0.05, 0.03, 0.0)
+"""Metres by which the arm begins behind its first taught pose, away from the groove."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedJoint:
+    """Stations from which a joint is scanned all round, and the job that does so.
+
+    Parameters
+    ----------
+    joint : JointDefinition
+        The joint.
+    T_w_j : ndarray, shape (4, 4)
+        Where it stands: its leg level, w on the floor below, metres.
+    stations : tuple of ReachedArc
+        What each base reaches; their poses are in frame w.
+    azimuths : ndarray, shape (n,)
+        Round the groove, radians: those that arcs are counted by.
+    table : dict
+        The job, as a file has it.
+    """
+
+    joint: JointDefinition
+    T_w_j: Array
+    stations: tuple[ReachedArc, ...]
+    azimuths: Array
+    table: dict[str, Any]
+
+
+def place_joint(
+    joint_file: Path,
+    template: Path,
+    folder: Path,
+    overrides: Mapping[str, Any],
+    *,
+    tilt: float = 0.0,
+    direction: ScanDirection = ScanDirection.COUNTERCLOCKWISE,
+) -> PlacedJoint:
+    """Find where an arm stands to scan a joint all round, and make the job.
+
+    Parameters
+    ----------
+    joint_file : Path
+        The joint.
+    template : Path
+        A scan job whose arm, laser, mount, tool and margins are taken over.
+    folder : Path
+        Where the job will be.
+    overrides : mapping
+        Dotted keys of the template, and their values.
+    tilt : float, optional
+        Of the base towards the joint, radians: 0 upright, pi hanging.
+    direction : ScanDirection, optional
+        Which way round.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is wrong, the arm has no closed form of its inverse, or the groove doesn't fit
+        into the laser's window.
+    JointOutOfReach
+        If no six stations reach the groove all round.
+    """
+    job, joint = read_scan_job(template, dict(overrides)), read_joint(joint_file)
+    scan = replace(job.scan, direction=direction, length=None, sections=None)
+    view = replace(scan, length=2 * np.pi * joint.brace_radius, sections=None)
+    window = job.laser.near, job.laser.far
+    centred = plan_with_centred_groove(joint, 0.0, view, window)
+    plan = replace(scan, standoff=centred.standoff, offset=centred.offset)
+    searched = _Search(job, joint, plan, sensor_mount_of_job(job, template).T_f_s, tilt)
+    stations = searched.stations()
+    table = _job_table(searched, stations, Path(os.path.relpath(joint_file, folder)).as_posix())
+    return PlacedJoint(joint, searched.T_w_j, stations, searched.azimuths, table)
+
+
+class _Search:
+    """What is known while places are tried."""
+
+    def __init__(
+        self, job: ScanJob, joint: JointDefinition, plan: ScanPlan, T_f_s: Array, tilt: float
+    ) -> None:
+        self.job, self.joint, self.plan, self.tilt = job, joint, plan, tilt
+        self.kinematics = Kinematics.load(job.arm.model)
+        self.azimuths = 2 * np.pi * np.arange(AZIMUTHS_TRIED) / AZIMUTHS_TRIED
+        if plan.direction is ScanDirection.CLOCKWISE:
+            self.azimuths = -self.azimuths
+        along = joint.leg_surface.axis
+        R_w_j = np.array((along, (0.0, 1.0, 0.0), np.cross(along, (0.0, 1.0, 0.0))))
+        self.T_w_j = pose(R_w_j, (0.0, 0.0, joint.leg_radius + ROOM_BELOW))
+        self.T_s_f = inverse_pose(T_f_s)
+        self.T_w_f = np.array([self.flange_at(azimuth) for azimuth in self.azimuths])
+
+    def flange_at(self, azimuth: float, error: Array | None = None) -> Array:
+        """Ideal flange pose before the groove at an azimuth, in frame w."""
+        T_j_s = ideal_sensor_pose(self.joint, azimuth, self.plan, error)
+        return np.asarray(self.T_w_j @ T_j_s @ self.T_s_f)
+
+    def stations(self) -> tuple[ReachedArc, ...]:
+        """The fewest stations; raises JointOutOfReach if there are none."""
+        places = search.BaseSearch(
+            self.kinematics,
+            self.T_w_f,
+            self.T_w_j[:3, 3],
+            pose(rot_y(self.tilt)),
+            self._may_stand,
+            self._hindrance,
+        )
+        degrees = 360.0 / AZIMUTHS_TRIED
+        spare = int(SPARE_DEGREES / degrees)
+        clear = [arc.without_ends(spare) for arc in places.arcs() if arc.count > 2 * spare]
+        found = search.fewest_stations(
+            clear, AZIMUTHS_TRIED, int(LEAST_OVERLAP / degrees), MOST_STATIONS
+        )
+        if not found:
+            best = max((arc.count for arc in clear), default=0) * degrees
+            within = places.longest_unhindered * degrees
+            raise JointOutOfReach(
+                f"no {MOST_STATIONS} places of a {self.job.arm.model} reach the groove all round. "
+                f"From the best one it scans {best:.0f}° of it; were nothing in its way, "
+                f"{within:.0f}°. Try another --tilt-deg, a larger arm, or a smaller sensor"
+            )
+        return found
+
+    def _may_stand(self, T_w_b: Array) -> bool:
+        """Whether what a base stands on passes the tubes, and is above the floor."""
+        down = -T_w_b[:3, 2]
+        length = MOUNT_LENGTH if self.tilt else T_w_b[2, 3]
+        points = T_w_b[:3, 3] + np.linspace(0.0, max(length, 0.0), 16)[:, None] * down
+        if points[:, 2].min() < -1e-9:
+            return False
+        points_j = transform_points(inverse_pose(self.T_w_j), points)
+        return not _near_tubes(self.joint, points_j).any()
+
+    def solids(self, T_w_b: Array) -> dict[str, tuple[str, Solid]]:
+        """What stands about, by name: the frame that it is stated in, and its solid there."""
+        joint = self.joint
+        along = joint.leg_surface.axis
+        R_j_leg = np.column_stack((np.cross((0.0, 1.0, 0.0), along), (0.0, 1.0, 0.0), along))
+        T_leg, T_brace = pose(R_j_leg), pose(p=(0.0, 0.0, joint.brace_length / 2))
+        length = MOUNT_LENGTH if self.tilt else float(T_w_b[2, 3])
+        found: dict[str, tuple[str, SolidShape, Array]] = {
+            "leg": ("w", Cylinder(joint.leg_radius, joint.leg_length), self.T_w_j @ T_leg),
+            "brace": ("w", Cylinder(joint.brace_radius, joint.brace_length), self.T_w_j @ T_brace),
+            "floor": ("w", Box((6.0, 6.0, 0.1)), pose(p=(0.0, 0.0, -0.06))),
+        }
+        # Where the arm's own base is, its mount is no body to keep clear of.
+        if length > 0.1:
+            middle = pose(p=(0.0, 0.0, -0.02 - length / 2))
+            found["mount"] = ("b", Cylinder(MOUNT_RADIUS, length - 0.02), middle)
+        return {name: (frame, Solid(name, shape, T)) for name, (frame, shape, T) in found.items()}
+
+    def planner(self, T_w_b: Array) -> ClearPathPlanner:
+        """Keeps the arm clear at a base."""
+        T_b_w, table = inverse_pose(T_w_b), self.job.clearance
+        solids = [
+            one if frame == "b" else replace(one, T=T_b_w @ one.T)
+            for frame, one in self.solids(T_w_b).values()
+        ]
+        tool = [one.solid for one in table.tool]
+        own, ignored = table.self_collision, table.ignore
+        model = CollisionModel(self.kinematics, solids, tool, self_collision=own, ignored=ignored)
+        return ClearPathPlanner(self.kinematics, model, table)
+
+    def _hindrance(self, T_w_b: Array) -> Callable[[Array], bool]:
+        planner, singular = self.planner(T_w_b), SPARE_SINGULAR * self.job.clearance.singular
+
+        def hindered(q: Array) -> bool:
+            if self.kinematics.smallest_singular_value(q) < singular:
+                return True
+            return not planner.keeps_clear(q, SPARE_ROOM)
+
+        return hindered
+
+
+def _near_tubes(joint: JointDefinition, points_j: Array) -> Mask:
+    """Which points, shape (n, 3), in frame j, are too near to leg or brace for a mount."""
+    along = points_j @ joint.leg_surface.axis
+    leg = joint.leg_surface.signed_distances(points_j) < MOUNT_ROOM
+    beside = np.abs(along) < joint.leg_length / 2 + MOUNT_ROOM
+    brace = np.hypot(points_j[:, 0], points_j[:, 1]) < joint.brace_radius + MOUNT_ROOM
+    high = (points_j[:, 2] > 0) & (points_j[:, 2] < joint.brace_length + MOUNT_ROOM)
+    return np.asarray((leg & beside) | (brace & high))
+
+
+def _job_table(
+    searched: _Search, stations: tuple[ReachedArc, ...], joint_file: str
+) -> dict[str, Any]:
+    """The job as its file has it."""
+    table = table_to_dict(searched.job)
+    plan, joint = searched.plan, searched.joint
+    step = min(plan.step, LONGEST_STEP_SHARE * 2 * joint.brace_radius)
+    scan = {key: value for key, value in table["scan"].items() if key not in _REPLACED_SCAN_KEYS}
+    scan |= {
+        "direction": str(plan.direction),
+        "step_mm": round(1e3 * step, 1),
+        "standoff_mm": round(1e3 * plan.standoff, 1),
+        "view_offset_mm": round(1e3 * plan.offset, 1),
+    }
+    names = [f"place-{n}" for n in range(1, len(stations) + 1)]
+    made = [_station(searched, arc, step) for arc in stations]
+    # The mount is the same at all stations: as long as at the lowest.
+    lowest = min(stations, key=lambda arc: float(arc.T_w_b[2, 3]))
+    solids = searched.solids(lowest.T_w_b).items()
+    table |= {
+        "scan": scan,
+        "station": [
+            {"name": name, **pose_to_table(arc.T_w_b), **station}
+            for name, arc, (station, _) in zip(names, stations, made, strict=True)
+        ],
+        "clearance": table["clearance"]
+        | {"solid": [_solid_table(name, *placed) for name, placed in solids]},
+        "joint": {"file": joint_file, **pose_to_table(searched.T_w_j)},
+    }
+    simulation = {"seed": 1, "arm": {}} | (table.get("simulation") or {})
+    simulation["arm"] = simulation["arm"] | {"home_deg": made[0][1]}
+    simulation["station"] = [
+        {"name": name, **pose_to_table(arc.T_w_b), "home_deg": home}
+        for name, arc, (_, home) in zip(names, stations, made, strict=True)
+    ]
+    return table | {"simulation": simulation}
+
+
+_REPLACED_SCAN_KEYS: Final = frozenset(("length_mm", "sections", "first", "second"))
+
+
+def _station(searched: _Search, arc: ReachedArc, step: float) -> tuple[dict[str, Any], list[float]]:
+    """Start poses and length of a station, and joint angles in degrees with which it begins."""
+    joint, plan = searched.joint, searched.plan
+    start = float(searched.azimuths[arc.first % AZIMUTHS_TRIED])
+    tangents = joint.leg_surface.azimuth_derivative(
+        searched.azimuths[np.arange(arc.first, arc.last + 1) % AZIMUTHS_TRIED], joint.brace_radius
+    )
+    whole = np.linalg.norm(tangents, axis=1).sum() * 2 * np.pi / AZIMUTHS_TRIED
+    second = azimuth_further_along(joint, start % (2 * np.pi), step, plan.direction)
+    T_b_w = inverse_pose(arc.T_w_b)
+    first, further = (T_b_w @ searched.flange_at(azimuth) for azimuth in (start, second))
+    home = _home(searched, arc, first)
+    station = {
+        "length_mm": round(1e3 * float(whole - step), 1),
+        "first": pose_to_table(first),
+        "second": pose_to_table(further),
+    }
+    return station, np.round(np.degrees(home), 3).tolist()
+
+
+def _home(searched: _Search, arc: ReachedArc, first: Array) -> Array:
+    """Joint angles away from the groove, from which the way to the first pose is clear."""
+    planner, q, T_f_s = searched.planner(arc.T_w_b), arc.q[0], inverse_pose(searched.T_s_f)
+    for retreat in RETREAT_DISTANCES:
+        T_b_f = first @ T_f_s @ pose(p=(0.0, 0.0, -retreat)) @ searched.T_s_f
+        try:
+            home = searched.kinematics.inverse(T_b_f, near=q)
+        except PoseUnreachable:
+            continue
+        if planner.line_is_clear(home, q):
+            return home
+    return np.asarray(q)
+
+
+def _solid_table(name: str, frame: str, solid: Solid) -> dict[str, Any]:
+    shape = solid.shape
+    size = (
+        {"kind": "box", "size_mm": [1e3 * one for one in shape.size]}
+        if isinstance(shape, Box)
+        else {
+            "kind": "cylinder",
+            "radius_mm": round(1e3 * shape.radius, 1),
+            "length_mm": round(1e3 * shape.length, 1),
+        }
+    )
+    with warnings.catch_warnings():  # a cylinder that lies level is in gimbal lock, and round
+        warnings.filterwarnings("ignore", "Gimbal lock")
+        return {"name": name, "frame": frame, **size, **pose_to_table(solid.T)}
