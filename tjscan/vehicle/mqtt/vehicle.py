@@ -28,6 +28,9 @@ MOST_WAITING_STATES: Final = 300
 """States that wait to be read, 3 s of them; older ones are dropped then. Without one its way is not
 known: it is more than any program may be held up for that goes on."""
 
+UNORDERED_STATES: Final = 3
+"""States in a row that must show motion that was not ordered: in one an encoder may have erred."""
+
 
 class MqttVehicle(BrokerClient):
     """A vehicle behind an MQTT broker, behind the `Vehicle` protocol.
@@ -58,6 +61,7 @@ class MqttVehicle(BrokerClient):
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order: tuple[Twist, float] | None = None
         self._ordered, self._echoed, self._has_commanded = OrderedMotion(), 0, False
+        self._unordered = 0  # states in a row
         self._newest_pose: wire.PoseMessage | None = None
         self._read_until: float | None = None
         self._pose: wire.PoseMessage | None = None  # at the last state that was read
@@ -209,15 +213,18 @@ class MqttVehicle(BrokerClient):
             raise wire.BadMessage(reason)
         self._heard, self._lost = now, ""
         self._fault, self._commander = message.fault, message.commander
-        if self._has_commanded and self._ordered.contradicts(message.state.odometry, now):
-            odometry = message.state.odometry
+        odometry = message.state.odometry
+        unordered = self._has_commanded and self._ordered.contradicts(odometry, now)
+        self._unordered = self._unordered + 1 if unordered else 0
+        if self._unordered >= UNORDERED_STATES:
             self._raise_alarm(
                 f"the vehicle drives {1e3 * odometry.speed:.0f} mm/s and turns "
                 f"{odometry.turn_rate:.2f} rad/s, which this program did not order"
             )
         if self._states.qsize() >= MOST_WAITING_STATES:
-            self._states.get()
-            self._note_dropped("a state that was not read in time")
+            with suppress(Empty):  # they are read this very moment
+                self._states.get_nowait()
+                self._note_dropped("a state that was not read in time")
         self._states.put((message.state, self._newest_pose))
 
     def _receive_command(self, message: wire.CommandMessage) -> None:
@@ -225,7 +232,7 @@ class MqttVehicle(BrokerClient):
         if message.session == self._session and self._echoed < message.number <= self._number:
             self._echoed = message.number
             return
-        if message.order == "stop":
+        if message.order == "stop" and self._has_commanded:  # before, it is who goes
             self._raise_alarm("another client of the broker ordered the vehicle to stop")
         raise wire.BadMessage("another client of the broker commands the vehicle")
 
