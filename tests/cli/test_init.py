@@ -44,3 +44,12 @@ def test_an_unknown_example_is_named_with_the_nearest(capsys: pytest.CaptureFixt
     assert "did you mean: paper?" in capsys.readouterr().err
     assert tjscan("init", "nothing-like-any") == 2
     assert capsys.readouterr().err.count("whole-joint") == 1
+
+
+def test_examples_share_files_in_one_folder(tmp_path: Path) -> None:
+    assert tjscan("init", "paper", "--out", tmp_path) == 0
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.iterdir()}
+    assert tjscan("init", "whole-joint", "--out", tmp_path) == 0
+    assert {file: file.stat().st_mtime_ns for file in before} == before
+    assert tjscan("scan", tmp_path / "whole-joint.toml", "--dry-run") == 0
+    assert tjscan("init", "whole-joint", "--out", tmp_path) == 2

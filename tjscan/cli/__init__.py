@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Group
 
 from tjscan.core import errors
 from tjscan.core.version import PROGRAM_VERSION
@@ -30,6 +30,30 @@ class _TjscanApp(App):
             return super().install_completion(**options)
 
 
+HELP_GROUPS: Final = {
+    "Begin": ("init", "joint", "place", "schema"),
+    "Set up a cell": ("calibrate", "doctor", "laser", "teach"),
+    "Scan": ("scan", "reprocess", "stitch"),
+    "See and use what was scanned": ("compare", "export", "groove", "report", "view"),
+    "Weld": ("plan", "weld", "inspect"),
+    "Drive vehicles": ("crawl", "tow"),
+    "Study": ("chain", "study"),
+    "Simulate devices on this machine": (
+        "laser-loopback",
+        "power-loopback",
+        "ur-loopback",
+        "vehicle-loopback",
+    ),
+}
+"""Commands in the program's help, by what one wants."""
+
+_GROUPS: Final = [Group(title, sort_key=number) for number, title in enumerate(HELP_GROUPS)]
+GROUP_OF_COMMAND: Final = {
+    name: group
+    for group, names in zip(_GROUPS, HELP_GROUPS.values(), strict=True)
+    for name in names
+}
+
 app = _TjscanApp(
     name="tjscan",
     help="Scan the weld groove of large tubular T-joints with a robot arm and a line laser.",
@@ -40,6 +64,7 @@ crawl_app = App(name="crawl", help="Follow a hull's joint with a magnetic crawle
 tow_app = App(name="tow", help="Tow a welding cable with several vehicles, in an optimised shape.")
 weld_app = App(name="weld")
 for its_app in (crawl_app, tow_app, weld_app):
+    its_app.group = GROUP_OF_COMMAND[its_app.name[0]]
     app.command(its_app)
 
 COMMAND_GROUPS: Final = (
@@ -62,7 +87,8 @@ The docstring of a function is the help of its command.
 
 for group, module, functions in COMMAND_GROUPS:
     for function in functions:
-        group.command(f"tjscan.cli.{module}:{function}", name=function)
+        title = GROUP_OF_COMMAND[function] if group is app else None
+        group.command(f"tjscan.cli.{module}:{function}", name=function, group=title)
 app.register_install_completion_command()
 
 LOOPBACK_COMMANDS: Final = (
@@ -103,7 +129,8 @@ def add_commands_of_packages() -> None:
 
     for command in entry_points(group="tjscan.command"):
         if command.name not in app:
-            app.command(command.value, name=command.name)
+            title = GROUP_OF_COMMAND.get(command.name)
+            app.command(command.value, name=command.name, group=title)
 
 
 def _load_commands(tokens: Sequence[str]) -> None:

@@ -26,7 +26,7 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
         Name of the example, such as paper.
     out
         Directory for the files; the working directory if left out. What is there is never
-        overwritten.
+        overwritten; files that examples share are left as they are.
     """
     from tjscan.core.files import write_files_atomically
     from tjscan.job.examples import examples, files_of_example
@@ -43,6 +43,8 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
             schema = f"{kind.word}.schema.json"
             texts[name] = f"#:schema ./{schema}\n\n{texts[name]}"
             texts[schema] = dumps(json_schema_of_kind(kind), indent=1)
+    job = folder / f"{example}.toml"
+    kind_of_job, texts = kinds[job.name], _texts_to_write(folder, texts)
     there = [name for name in texts if (folder / name).exists()]
     if there:
         raise ConfigurationError(
@@ -54,9 +56,19 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
         for name, text in texts.items():
             (draft / name).write_text(text, encoding="utf-8")
     print_message(f"wrote {', '.join(sorted(texts))}")
-    job = folder / f"{example}.toml"
-    if (kind := kinds[job.name]) is not None:
-        print_message(f"{job}: {kind.use}")
+    if kind_of_job is not None:
+        print_message(f"{job}: {kind_of_job.use}")
+
+
+def _texts_to_write(folder: Path, texts: dict[str, str]) -> dict[str, str]:
+    """Those of an example's texts that are not there already, from another example."""
+
+    def is_there(name: str) -> bool:
+        file = folder / name
+        return file.is_file() and file.read_bytes() == texts[name].encode()
+
+    missing = {name: text for name, text in texts.items() if not is_there(name)}
+    return missing or texts  # an example that is there as a whole was not asked for in vain
 
 
 MODELS_OF_KINDS: Final = {
