@@ -80,8 +80,8 @@ def laser_loopback(
     It sends the profiles of a job's simulated laser, or of a recording, one after another.
     Every key of the job file is an option too. A line on stdin commands a fault: loss PER_CENT,
     duplicate, reorder, lose-leader, lose-trailer, late, stale, buffered, silent, taken, reboot,
-    wrong-format, unit-pixel, missing-features, all-invalid, no-clock, coarse-clock, wrong-clock
-    or no-stamp; clear sets all right again.
+    wrong-format, unit-pixel, missing-features, all-invalid, no-clock, coarse-clock, wrong-clock,
+    no-stamp, narrow, new-offset, new-exposure or no-trigger; clear sets all right again.
 
     Parameters
     ----------

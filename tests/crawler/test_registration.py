@@ -76,6 +76,32 @@ def test_stated_error_is_that_of_many_profiles() -> None:
     assert 0.6 < np.mean(np.square(ratios)) < 1.5
 
 
+def test_bead_that_rises_along_the_joint_is_no_noisier_than_one_that_does_not() -> None:
+    """By 0.4 mm a millimetre, as one falls where it ends."""
+
+    def rising(along: float) -> HullJoint:
+        return HullJoint(beads=(replace(CAPPED.beads[0], crown=2e-3 + 0.4 * along),))
+
+    rng, even = np.random.default_rng(3), list[float]()
+    errors, sigmas = list[float](), list[float]()
+    beyond = np.linspace(-2e-3, 2e-3, 10)
+    for _ in range(20):
+        profiles = [see(rising(at), rng) for at in beyond.tolist()]
+        against = ReferenceProfile.from_profiles(
+            profiles, [true_placement()] * 10, NOISE, None, beyond
+        )
+        for at in (-0.5e-3, 0.5e-3):
+            found = register(see(rising(at), rng), against.seen_from(at), true_placement())
+            assert found is not None
+            errors.append(found.centre)
+            sigmas.append(found.centre_sigma)
+        level = register(see(CAPPED, rng), reference(seed=len(even)), true_placement())
+        assert level is not None
+        even.append(level.centre_sigma)
+    assert np.median(sigmas) < 1.3 * np.median(even)
+    assert 0.5 < np.mean(np.divide(errors, sigmas) ** 2) < 1.5
+
+
 def test_error_of_the_reference_is_an_error_of_the_reading() -> None:
     rng = np.random.default_rng(0)
     profiles = [see(CAPPED, rng) for _ in range(10)]

@@ -1,6 +1,6 @@
 """The centre of a butt joint is read at the noise floor, or not at all."""
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from itertools import count
 
@@ -237,6 +237,15 @@ def test_joint_that_would_have_jumped_is_refused() -> None:
     for _ in range(10):
         with pytest.raises(GrooveNotFound):
             tracker.read(see(CAPPED, rng), moved)
+
+
+@pytest.mark.parametrize(("wider", "is_read"), [(-0.3e-3, True), (0.0, True), (0.3e-3, False)])
+def test_edges_that_came_apart_are_none(wider: float, is_read: bool) -> None:
+    """What welds close never opens: one of them is a bead's toe."""
+    tracker, rng = started(), np.random.default_rng(3)
+    before = replace(reference(CAPPED, SectionLaserPose()), width=EMPTY.width - wider)
+    with nullcontext() if is_read else pytest.raises(GrooveNotFound):
+        tracker.read(see(EMPTY, rng), before)
 
 
 def test_capped_joint_is_refused_without_that() -> None:

@@ -300,3 +300,50 @@ def test_a_scancontrol_has_the_same_transport_and_a_payload_of_its_own(
 def test_what_a_scancontrol_needs_is_said(table: dict[str, object], hint: str) -> None:
     with pytest.raises(ConfigurationError, match=hint):
         validate_table(ScanControlSettings, table)
+
+
+def test_a_row_that_is_narrower_than_stated_is_refused(loopback: LaserLoopbackProcess) -> None:
+    with laser_at(loopback.host, **QUICK) as laser:
+        laser.capture()
+        loopback.schedule_fault("narrow")
+        with pytest.raises(ProfileFormatRefused, match=r"320 points.*640"):
+            laser.capture()
+
+
+def test_an_offset_that_changes_from_profile_to_profile_is_that_of_each(
+    loopback: LaserLoopbackProcess,
+) -> None:
+    with laser_at(loopback.host, **QUICK) as laser:
+        before = laser.capture()
+    with laser_at(loopback.host, **QUICK) as laser:
+        loopback.schedule_fault("new-offset")
+        after = laser.capture()
+    np.testing.assert_allclose(after.z_s, before.z_s, atol=2 * HALF_COUNT)
+
+
+def test_a_laser_without_a_trigger_by_software_is_told_what_to_set(
+    loopback: LaserLoopbackProcess,
+) -> None:
+    loopback.schedule_fault("no-trigger")
+    with (
+        pytest.raises(ProfileFormatRefused, match='trigger = "fresh"'),
+        laser_at(loopback.host, **QUICK),
+    ):
+        pass
+    with laser_at(loopback.host, trigger="fresh", **QUICK) as laser:
+        assert laser.capture().valid.any()
+
+
+def test_a_laser_whose_port_is_closed_in_a_run_does_not_respond(profiles: Path) -> None:
+    with loopback_laser(profiles) as loopback:
+        laser = laser_at(loopback.host, **QUICK)
+        with laser:
+            laser.capture()
+            loopback._end()
+            with pytest.raises(LaserNotResponding):
+                laser.capture()
+
+
+def test_a_laser_says_how_its_clock_counts(loopback: LaserLoopbackProcess) -> None:
+    with laser_at(loopback.host) as laser:
+        assert "1,000,000,000 ticks a second" in laser.describe().link

@@ -51,8 +51,8 @@ def host_time(stamp: float) -> float:
 def assert_are_periods(times: Sequence[float] | Array) -> None:
     """Times of profiles one after another; a busy machine leaves out some."""
     gone = np.diff(times) / PERIOD
-    assert gone == pytest.approx(np.rint(gone), rel=1e-4)
-    assert np.median(gone) == pytest.approx(1.0)
+    assert gone.min() > 1 - 1e-4
+    assert np.median(gone) == pytest.approx(1.0, abs=1e-6)
 
 
 def take(laser: GenicamLaser, count: int) -> list[StreamedProfile]:
@@ -170,3 +170,21 @@ def test_a_stream_that_was_left_is_ended_by_what_comes_next(loopback: LaserLoopb
         next(again)
         left.close()  # type: ignore[attr-defined]
         assert [one for one in islice(again, 20) if one is not None]
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [("narrow", "320 points"), ("new-offset", "Scan3d"), ("new-exposure", "ExposureTime")],
+)
+def test_what_changes_in_a_stream_is_noticed(
+    loopback: LaserLoopbackProcess, fault: str, words: str
+) -> None:
+    with laser_at(loopback.host) as laser:
+        stream = laser.stream(PERIOD)
+        next(stream)
+        loopback.schedule_fault(fault)
+        start = time.monotonic()
+        with pytest.raises(LaserFault, match=words):
+            for _ in stream:
+                pass
+        assert time.monotonic() - start < 5.0

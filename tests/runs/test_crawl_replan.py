@@ -362,7 +362,7 @@ def test_the_joint_is_read_through_ten_planned_passes(job_file: Path, seed: int)
                 # The left plate moves: the middle between the edges moves by half of it.
                 error = placement.centre + off - closed / 2
                 way = 2 * number + (phase is Phase.RETURN)
-                lone = max(placement.lone_sigma, placement.centre_sigma)
+                lone = placement.lone_sigma or placement.centre_sigma
                 read.append((way, at, error, placement.centre_sigma, lone))
                 state, torch = VehicleState(0.0, AT_REST), TorchEstimate(0.0, 0.0, 0.0)
                 cycle = CrawlCycle(
@@ -384,10 +384,11 @@ def test_the_joint_is_read_through_ten_planned_passes(job_file: Path, seed: int)
         gaps = np.diff(np.sort(np.append(at[ways == way], (0.0, 0.04))))
         assert gaps.max() < job.guards.blind_travel
     cut_off = np.abs(at - 0.04) < 1e-3  # a simulated bead ends there as no bead does
-    assert np.sqrt(np.mean(errors[~cut_off] ** 2)) < 0.08e-3
+    assert np.sqrt(np.mean(errors[~cut_off] ** 2)) < 0.04e-3
+    assert len(read) > 0.92 * 21 * len(back)
     assert 0.5 < np.mean((errors / sigmas)[~cut_off] ** 2) < 2
     # Where a bead ends, or hides most of one side, none is surely wrong.
-    far = (np.abs(errors) > 0.2e-3) & (np.abs(errors) > 4 * lone)
+    far = (np.abs(errors) > 0.2e-3) & (np.abs(errors) > 3 * lone)
     assert not far[~cut_off].any()
 
 

@@ -205,7 +205,8 @@ class PathTiming:
         ]
         path = _SplinePath(q, scale)
         problem = TOPPRA(constraints, path, gridpoints=places / scale, solver_wrapper="seidel")
-        _, speeds, _ = problem.compute_parameterization(min(start_speed / scale, 1.0), 0.0)
+        begun = float(np.clip(start_speed / scale, 0.0, 1.0))  # at rest it may be rounded below
+        _, speeds, _ = problem.compute_parameterization(begun, 0.0)
         if speeds is None or not np.isfinite(speeds).all():
             return None
         speeds = np.maximum(speeds, 0.0)

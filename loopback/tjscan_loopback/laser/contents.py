@@ -53,6 +53,7 @@ def initial_memory(
             columns=columns,
             most_rows=MOST_ROWS,
             with_scan3d=LaserFaultOrder.MISSING_FEATURES not in faults,
+            with_trigger=LaserFaultOrder.NO_TRIGGER not in faults,
         ),
     )
     for address, value in (

@@ -40,7 +40,9 @@ CHUNK_NUMBERS: Final = {"Image": IMAGE_CHUNK, "FrameID": 2, "Timestamp": 3, "Enc
 """Numbers of the chunks behind a block, in their order."""
 
 
-def description(*, columns: int, most_rows: int, with_scan3d: bool = True) -> bytes:
+def description(
+    *, columns: int, most_rows: int, with_scan3d: bool = True, with_trigger: bool = True
+) -> bytes:
     """GenICam description of the sensor.
 
     Parameters
@@ -51,6 +53,8 @@ def description(*, columns: int, most_rows: int, with_scan3d: bool = True) -> by
         Rows that one block may hold.
     with_scan3d : bool
         Whether it has the features of Scan3d.
+    with_trigger : bool
+        Whether a program can trigger it.
     """
     formats = {name: form.code for name, form in COORDINATE_FORMATS.items()}
     on_off = {"Off": 0, "On": 1}
@@ -76,10 +80,6 @@ def description(*, columns: int, most_rows: int, with_scan3d: bool = True) -> by
             _command("AcquisitionStop", ACQUISITION_STOP),
             _float("AcquisitionFrameRate", FRAME_RATE, low=1.0, high=2000.0),
             _float("ExposureTime", EXPOSURE_TIME, low=1.0, high=40_000.0),
-            _enumeration("TriggerSelector", TRIGGER_SELECTOR, {"FrameStart": 0}),
-            _enumeration("TriggerMode", TRIGGER_MODE, on_off),
-            _enumeration("TriggerSource", TRIGGER_SOURCE, TRIGGER_SOURCES),
-            _command("TriggerSoftware", SOFTWARE_TRIGGER),
         ],
         "ChunkDataControl": [
             _boolean("ChunkModeActive", CHUNK_MODE),
@@ -88,6 +88,13 @@ def description(*, columns: int, most_rows: int, with_scan3d: bool = True) -> by
             *(_chunk(f"Chunk{name}") for name in CHUNK_NUMBERS if name != "Image"),
         ],
     }
+    if with_trigger:
+        groups["AcquisitionControl"] += [
+            _enumeration("TriggerSelector", TRIGGER_SELECTOR, {"FrameStart": 0}),
+            _enumeration("TriggerMode", TRIGGER_MODE, on_off),
+            _enumeration("TriggerSource", TRIGGER_SOURCE, TRIGGER_SOURCES),
+            _command("TriggerSoftware", SOFTWARE_TRIGGER),
+        ]
     if with_scan3d:
         selected = {"CoordinateA": 0, "CoordinateB": 1, "CoordinateC": 2}
         groups["Scan3dControl"] = [

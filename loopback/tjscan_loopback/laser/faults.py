@@ -30,6 +30,10 @@ class LaserFaultOrder(StrEnum):
     COARSE_CLOCK = "coarse-clock"
     WRONG_CLOCK = "wrong-clock"
     NO_STAMP = "no-stamp"
+    NARROW = "narrow"
+    NEW_OFFSET = "new-offset"
+    NEW_EXPOSURE = "new-exposure"
+    NO_TRIGGER = "no-trigger"
     CLEAR = "clear"
 
 

@@ -42,6 +42,9 @@ POSE_LOOK_PERIOD: Final = 1e-3
 LARGEST_DELAY: Final = 0.1
 """Seconds by which exposures may be late before they are left out."""
 
+NEW_OFFSET_Z: Final = 1e-3
+"""Metres of z at raw number 0, where the offset changes."""
+
 COARSE_TICKS: Final = 10_000_000
 """Ticks by which a coarse clock goes on at a time."""
 
@@ -52,6 +55,7 @@ _DESCRIPTION_FAULTS: Final = (
     LaserFaultOrder.UNIT_PIXEL,
     LaserFaultOrder.MISSING_FEATURES,
     LaserFaultOrder.NO_CLOCK,
+    LaserFaultOrder.NO_TRIGGER,
     LaserFaultOrder.CLEAR,
 )
 """Faults that change what the memory holds."""
@@ -116,6 +120,10 @@ class LoopbackSensor:
             self.faults[order.fault] = order
         if order.fault is LaserFaultOrder.TAKEN:
             self._controller, self._acquiring = _OTHER_CONTROLLER, False
+        if order.fault is LaserFaultOrder.NEW_OFFSET:
+            self._memory.put(features.COORDINATE_OFFSET + 16, pack(">d", 1e3 * NEW_OFFSET_Z))
+        if order.fault is LaserFaultOrder.NEW_EXPOSURE:
+            self._memory.put(features.EXPOSURE_TIME, pack(">d", 2 * 1e6 * self._exposure))
         if order.fault in (*_DESCRIPTION_FAULTS, LaserFaultOrder.REBOOT):
             self._memory = initial_memory(self.host, self.serial, self.columns, self.faults)
 
@@ -291,6 +299,8 @@ class LoopbackSensor:
         if LaserFaultOrder.ALL_INVALID in self.faults:
             nothing = np.full(len(profile), np.nan)
             profile = Profile(nothing, nothing)
+        if LaserFaultOrder.NEW_OFFSET in self.faults:
+            profile = Profile(profile.x_s, profile.z_s - NEW_OFFSET_Z)
         before, exposed = self._before, (self._ticks(begin), rows * encode_profile(profile, layout))
         if LaserFaultOrder.STALE in self.faults:
             before = before or (self._ticks(begin - STALE_AGE), exposed[1])
@@ -306,6 +316,10 @@ class LoopbackSensor:
     def _send(self, time: int, data: bytes, now: float) -> None:
         layout, rows = format_of(self._memory), rows_of(self._memory)
         wrong = LaserFaultOrder.WRONG_FORMAT in self.faults
+        columns = self.columns
+        if LaserFaultOrder.NARROW in self.faults:
+            columns //= 2
+            data = data[: layout.point_size * columns * rows]
         self._block = self._block % 0xFFFF + 1
         time = 0 if LaserFaultOrder.NO_STAMP in self.faults else time
         numbers, chunks = features.CHUNK_NUMBERS, []
@@ -319,7 +333,7 @@ class LoopbackSensor:
             self._block,
             time,
             _MONO8_CODE if wrong else layout.code,
-            self.columns,
+            columns,
             rows,
             data,
             chunks,

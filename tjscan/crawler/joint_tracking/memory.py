@@ -11,13 +11,16 @@ from dataclasses import replace
 from math import floor, sqrt
 from typing import Final
 
+import numpy as np
+
 from tjscan.core.errors import GrooveNotFound
 from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
 from tjscan.crawler.joint_tracking.tracking import REGISTERED_JOINT, ButtJointReading, JointTracker
 from tjscan.laser.profile import Profile
 
-STATION_LENGTH, STATION_STEP = 5e-3, 1e-3
-"""Metres along the joint that a reference is the median of, about its place, and between two."""
+STATION_LENGTH, STATION_STEP = 4e-3, 1e-3
+"""Metres along the joint that a reference is the median of, about its place, and between two: over
+a longer way a bead's toe does not go to one side evenly."""
 
 PROFILE_SPACING: Final = 0.5e-3
 """Metres between two profiles that are remembered."""
@@ -42,7 +45,9 @@ class JointMemory:
 
     def reference_at(self, travel: float) -> ReferenceProfile | None:
         """What the joint looked like at a place along it, in metres; None if it was not seen."""
-        return self._references.get(round(travel / STATION_STEP))
+        station = round(travel / STATION_STEP)
+        reference = self._references.get(station)
+        return reference and reference.seen_from(travel - station * STATION_STEP)
 
     def remember(
         self, travel: float, profile: Profile, placement: JointPlacement | None, noise: float
@@ -87,9 +92,10 @@ class JointMemory:
         while self._seen and (place := self._next * STATION_STEP) > down_to:
             near = [row for row in self._seen if abs(row[0] - place) < STATION_LENGTH / 2]
             if len(near) >= FEWEST_PROFILES:
-                _, profiles, placements = zip(*near, strict=True)
+                places, profiles, placements = zip(*near, strict=True)
+                beyond = np.subtract(places, place)
                 before = self._references.get(self._next)
-                made = ReferenceProfile.from_profiles(profiles, placements, noise, before)
+                made = ReferenceProfile.from_profiles(profiles, placements, noise, before, beyond)
                 self._references[self._next] = made
             self._next -= 1
             self._seen = [row for row in self._seen if row[0] < place + STATION_LENGTH / 2]

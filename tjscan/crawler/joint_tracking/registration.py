@@ -34,14 +34,11 @@ SETTLED_SHIFT: Final = 1e-6
 FEWEST_ON_REFERENCE: Final = 40
 """Points that must lie on the reference."""
 
-LEAST_SEEN_SHARE_OF_SIDE, LARGEST_SHARE_OF_HIDDEN_SIDE = 0.1, 0.3
+LEAST_SEEN_SHARE_OF_SIDE, LARGEST_SHARE_OF_HIDDEN_SIDE = 0.13, 0.3
 """Share of what each side of a reference shows of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree. And
-up to which a side counts as hidden if a bead covers its edge, for outlines cross there, too."""
-
-CROSSING_SIGMA: Final = 0.3e-3
-"""Metres by which a side up to that share is misplaced across, as a standard deviation, if no bead
-is seen to cover its edge: what seems to be left of it may be where a bead's outline crosses it."""
+up to which a side counts as hidden: where a bead's outline crosses it, it agrees by chance, by up
+to 1 mm wrong, and alike over the length of a reference."""
 
 EDGE_SLOPE, BEVEL_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 0.8, 1e-3, 0.2e-3
 """Slope from which a reference is no plate, and from which no bead's toe; and metres to both sides
@@ -125,6 +122,8 @@ class ReferenceProfile:
         Into the hull, in metres.
     slope : ndarray, shape (n,)
         Of the depth.
+    change : ndarray, shape (n,)
+        Of the depth for each metre along the joint.
     noise : ndarray, shape (n,)
         Standard deviation of the depths, with their changes along the joint, in metres.
     wander : ndarray, shape (2,)
@@ -142,6 +141,7 @@ class ReferenceProfile:
     across: Array
     depth: Array
     slope: Array
+    change: Array
     noise: Array
     wander: Array
     centre_sigma: float
@@ -155,6 +155,7 @@ class ReferenceProfile:
         placements: Sequence[JointPlacement],
         noise: float,
         before: ReferenceProfile | None = None,
+        beyond: Array | float = 0.0,
     ) -> ReferenceProfile:
         """Take the median of some profiles of one place.
 
@@ -169,6 +170,8 @@ class ReferenceProfile:
             Standard deviation of one profile's z, in metres.
         before : ReferenceProfile, optional
             What the joint looked like here a pass before.
+        beyond : float or ndarray, shape (k,), optional
+            How far beyond the place along the joint each is, in metres.
         """
         parts = [
             placement.joint_coordinates(profile.x_s[profile.valid], profile.z_s[profile.valid])
@@ -181,6 +184,12 @@ class ReferenceProfile:
         # Within a cell of a steep side depth changes, too.
         aside = u - REFERENCE_PITCH * cells[index]
         level = h - aside * np.interp(u, across, _smoothed_slope(depth))
+        # A bead rises and falls along the joint, and more than elsewhere where it ends.
+        counts = [len(part[0]) for part in parts]
+        along = np.repeat(np.broadcast_to(beyond, len(parts)), counts)
+        change = np.interp(across, REFERENCE_PITCH * cells, _changes_along(index, along, level))
+        change = _convolve_padded(change, np.full(SLOPE_POINTS, 1 / SLOPE_POINTS))
+        level -= along * np.interp(u, across, change)
         middle = _medians_by_index(index, level)
         spread = MAD_TO_SIGMA * _medians_by_index(index, np.abs(level - middle[index]))
         depth, spread = (np.interp(across, REFERENCE_PITCH * cells, v) for v in (middle, spread))
@@ -190,7 +199,7 @@ class ReferenceProfile:
         changes = np.maximum(variance - noise**2, 0.0)
         slope, centre_sigma = _smoothed_slope(depth), _sigma_of_mean(placements)
         # What each profile shows of either side is laid on the reference for itself.
-        side = 2 * np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts]) + (u > 0)
+        side = 2 * np.repeat(np.arange(len(parts)), counts) + (u > 0)
         lever = np.interp(u, across, slope)
         off = np.clip(level - middle[index], -STRAY_DEPTH, STRAY_DEPTH)
         information = np.bincount(side, lever**2, 2 * len(parts)) + 1e-12
@@ -200,7 +209,11 @@ class ReferenceProfile:
         wander = np.sqrt(np.maximum(steps.mean(axis=0) - expected, 0.0))
         rough = np.sqrt(own + changes)
         width, closing = _width_and_closing(placements, before)
-        return cls(across, depth, slope, rough, wander, centre_sigma, width, closing)
+        return cls(across, depth, slope, change, rough, wander, centre_sigma, width, closing)
+
+    def seen_from(self, beyond: float) -> ReferenceProfile:
+        """What it looked like so many metres beyond its place."""
+        return replace(self, depth=self.depth + beyond * self.change)
 
 
 def _width_and_closing(
@@ -232,6 +245,17 @@ def _smoothed_slope(depth: Array) -> Array:
 def _convolve_padded(values: Array, window: Array) -> Array:
     padded = np.pad(values, len(window) // 2, mode="edge")
     return np.convolve(padded, window, mode="valid")
+
+
+def _changes_along(index: NDArray[np.intp], along: Array, values: Array) -> Array:
+    """Change of the values of each index for each metre along; 0 where one half is not seen."""
+    middles = np.full((2, 2, index.max() + 1), np.nan)
+    for half, middle in zip((along < 0, along > 0), middles, strict=True):
+        seen, part = np.unique(index[half], return_inverse=True)
+        if len(seen):
+            middle[:, seen] = [_medians_by_index(part, v[half]) for v in (along, values)]
+    step, rise = middles[1] - middles[0]
+    return np.asarray(np.nan_to_num(rise / step))
 
 
 def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
@@ -309,14 +333,10 @@ def register_profile(
             break
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])
-    crossed = [0.0, 0.0]
     if not by_one_side:
-        points = (u, deep - place[1], slope, spread)
-        shown = _side_hidden(reference, points, away, weight)
-        if shown is None:
+        hidden = _side_hidden(reference, (u, deep - place[1], slope, spread), away, weight)
+        if hidden is None:
             return None
-        hidden, seen = shown
-        crossed = [CROSSING_SIGMA * (share < LARGEST_SHARE_OF_HIDDEN_SIDE) for share in seen]
         if hidden:
             # Where the bead's outline crosses the reference its points seem to lie on it.
             left = hidden * u > _edge_of(reference, hidden) + EDGE_HALF_WIDTH
@@ -328,8 +348,7 @@ def register_profile(
     excess = max(float(weight @ (away / spread) ** 2) / float(weight.sum()), 1.0)
     moves = np.linalg.solve(information, moves)
     variance = excess * float(moves @ information @ moves)
-    aside = np.hypot(reference.wander, crossed)
-    for side, sigma in zip((u < 0, u > 0), aside, strict=True):
+    for side, sigma in zip((u < 0, u > 0), reference.wander, strict=True):
         variance += (sigma * float(moves @ (weighted[side].T @ slope[side]))) ** 2
     # By one side half the width tells where the middle is.
     shared = hypot(reference.centre_sigma, by_one_side * reference.closing / 2)
@@ -345,10 +364,8 @@ def register_profile(
 
 def _side_hidden(
     reference: ReferenceProfile, points: tuple[Array, ...], away: Array, weight: Array
-) -> tuple[int, list[float]] | None:
+) -> int | None:
     """The side that a bead hides: -1 or 1, or 0 if both show where the joint is; None if none does.
-
-    And the share of each side that is seen.
 
     Parameters
     ----------
@@ -361,22 +378,20 @@ def _side_hidden(
     """
     u, depth, slope, spread = points
     information = (slope / spread) ** 2
-    seen, covered = [], []
+    seen: list[float] = []
     for outward in (-1, 1):
         side = outward * u > 0
         total = max(float(information[side].sum()), 1e-12)
         seen.append(float(weight[side] @ information[side]) / total)
-        covered.append(
-            seen[-1] < LARGEST_SHARE_OF_HIDDEN_SIDE
-            and _is_covered(outward * u[side], depth[side], reference, outward)
-        )
-        if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE and not covered[-1]:
+        if seen[-1] < LEAST_SEEN_SHARE_OF_SIDE and not _is_covered(
+            outward * u[side], depth[side], reference, outward
+        ):
             return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if information[side] @ deeper > MOST_DEEPER_SHARE * total:
             return None
-    if not any(covered):
-        return 0, seen
+    if min(seen) > LARGEST_SHARE_OF_HIDDEN_SIDE:
+        return 0
     hidden = -1 if seen[0] < seen[1] else 1
     edge = np.abs(-hidden * u - _edge_of(reference, -hidden)) < EDGE_HALF_WIDTH
     is_shown = max(seen) > LEAST_SEEN_SHARE_OF_ONE_SIDE or (
@@ -385,7 +400,7 @@ def _side_hidden(
         and np.abs(slope[edge]).max() > BEVEL_SLOPE
     )
     changes = np.median(reference.noise[np.abs(reference.slope) > EDGE_SLOPE])
-    return (hidden, seen) if is_shown and changes < LARGEST_CHANGE_ALONG else None
+    return hidden if is_shown and changes < LARGEST_CHANGE_ALONG else None
 
 
 def _is_covered(out: Array, depth: Array, reference: ReferenceProfile, outward: int) -> bool:

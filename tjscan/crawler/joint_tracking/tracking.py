@@ -45,12 +45,12 @@ LARGEST_ANGLE_BETWEEN_PLATES: Final = radians(20.0)
 LARGEST_JOINT_WIDTH_CHANGE: Final = 1.0e-3
 """The joint's width does not change by more from one profile to the next, in metres."""
 
+LARGEST_WIDENING: Final = 0.2e-3
+"""Metres by which it may be wider than when it was last seen there: welds only close it, and where
+a bead covers an edge its toe looks like one. It is six standard deviations."""
+
 LEAST_SHARE_ON_REFERENCE: Final = 0.3
 """Share of the points that must lie on the reference."""
-
-LARGEST_REGISTERED_SIGMA: Final = 0.3e-3
-"""Of a centre by the reference, metres: half of what guards let a torch be unsure by. Beads show it
-less surely than edges, and it is to be found by them again and again."""
 
 FARTHEST_SIGMAS, FARTHEST_SIDEWAYS = 4.0, 0.03e-3
 """How far a joint that is found by the reference may be from where it was last: in standard
@@ -184,27 +184,34 @@ class JointTracker:
     ) -> ButtJointReading:
         """Read from where the joint was last: by its edges, or else by the reference."""
         try:
-            return self._read_last_edges(row, tries=1 if reference is not None else 3)
+            return self._read_last_edges(row, reference)
         except GrooveNotFound:
             if reference is None or self._reading is None:
                 raise
             return self._read_by_reference(row, reference, self._reading)
 
-    def _read_last_edges(self, row: _ProfileRays, tries: int) -> ButtJointReading:
+    def _read_last_edges(
+        self, row: _ProfileRays, reference: ReferenceProfile | None
+    ) -> ButtJointReading:
         """Read by the edges, from where they were; the bevels may have got longer or shorter."""
         if self._lines is None:
             raise GrooveNotFound("no bevel", "no joint has been found so far", row.points)
         edges, root = self._lines.edges, self._lines.root
         ends = (self._lines.feet, np.full(2, root), edges + SHORT_BEVEL_SHARE * (root - edges))
-        for feet in ends[:tries]:
+        for feet in ends if reference is None else ends[:1]:
             try:
-                return self._read_edges(row, replace(self._lines, feet=feet))
+                return self._read_edges(row, replace(self._lines, feet=feet), reference)
             except GrooveNotFound as error:
                 refused = error
         raise refused
 
     def _read_edges(
-        self, row: _ProfileRays, start: EdgeLines, *, known: bool = True
+        self,
+        row: _ProfileRays,
+        start: EdgeLines,
+        reference: ReferenceProfile | None = None,
+        *,
+        known: bool = True,
     ) -> ButtJointReading:
         last = self._reading if known else None
         angles = None if last is None else self._angles - last.roll
@@ -213,7 +220,7 @@ class JointTracker:
             raise row.ambiguity("the lines of the last profile are gone")
         edges = lines.points
         width = float(np.hypot(*(edges[1] - edges[0])))
-        self._check_lines(row, lines, width)
+        self._check_lines(row, lines, width, nan if reference is None else reference.width)
         covariances = self._inflation * lines.point_covariances
         sigma = 0.5 * sqrt(float(covariances[:, 0, 0].sum()))
         self._check_sigma(row, sigma)
@@ -252,7 +259,7 @@ class JointTracker:
         placement, _ = found
         noise = placement.centre_sigma**2 - placement.shared_sigma**2
         sigma = sqrt(self._inflation * noise + placement.shared_sigma**2)
-        self._check_sigma(row, sigma, LARGEST_REGISTERED_SIGMA)
+        self._check_sigma(row, sigma)
         room = FARTHEST_SIGMAS * hypot(sigma, last.centre_sigma)
         room += FARTHEST_SIDEWAYS * (self._lost + 1)
         if abs(placement.centre - last.centre) > room:
@@ -279,8 +286,10 @@ class JointTracker:
             conditions=(*((FILLED_GROOVE,) if left < FILLED_DEPTH else ()), REGISTERED_JOINT),
         )
 
-    def _check_lines(self, row: _ProfileRays, lines: EdgeLines, width: float) -> None:
-        """Refuse lines that are not a joint's edges."""
+    def _check_lines(
+        self, row: _ProfileRays, lines: EdgeLines, width: float, before: float
+    ) -> None:
+        """Refuse lines that are not a joint's edges, which were so far apart here before."""
         left, left_bevel, right_bevel, right = lines.angles.tolist()
         least_turn, most_turn = BEVEL_TURNS
         refusals = {
@@ -293,16 +302,15 @@ class JointTracker:
             "the plates are at an angle": abs(left - right) > LARGEST_ANGLE_BETWEEN_PLATES,
             "the width has jumped": abs(width - (self._width or width))
             > LARGEST_JOINT_WIDTH_CHANGE,
+            "the joint has widened": width > before + LARGEST_WIDENING,
         }
         for why, refused in refusals.items():
             if refused:
                 raise row.ambiguity(why)
 
-    def _check_sigma(
-        self, row: _ProfileRays, sigma: float, largest: float = HULL_GROOVE_SETTINGS.largest_sigma
-    ) -> None:
-        """Refuse a centre that is too uncertain."""
-        if sigma > largest:
+    def _check_sigma(self, row: _ProfileRays, sigma: float) -> None:
+        """Refuse a centre that is too uncertain: the next way would be read by it."""
+        if sigma > HULL_GROOVE_SETTINGS.largest_sigma:
             raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
     def _learn_from(

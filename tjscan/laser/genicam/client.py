@@ -59,6 +59,12 @@ SILENCE_UNTIL_ASKED: Final = 2.0
 CLIENT_PRIORITY: Final = -10
 """Of this process on the machine, as `nice` counts: it has little to do, and that at once."""
 
+SETTINGS_LOOK_PERIOD: Final = 1.0
+"""Seconds between looks whether a laser that streams still is as it was set up."""
+
+LINK_LOST_WORDS: Final = ("timeout", "timed out", "refused", "unreachable")
+"""Of errors that no feature causes, but the link."""
+
 RATE_FEATURE: Final = "AcquisitionFrameRate"
 
 STEPWISE_ADVICE: Final = 'Else set mode = "stepwise" in [scan]: the arm stands for each profile'
@@ -87,9 +93,10 @@ class GenicamClient:
         self._latches = False
         self._exposure: float | None = None
         self._may_set_rate = True
+        self._connected: messages.ConnectedLaser | None = None
         self._receiver: BlockReceiver | None = None
         self._began: int | None = None
-        self._heard = 0.0
+        self._heard = self._looked = 0.0
 
     def connect(self, settings: GenicamSettings | ScanControlSettings) -> messages.ConnectedLaser:
         """Connect, set everything up, and begin to stream."""
@@ -108,6 +115,11 @@ class GenicamClient:
             chosen = self._choose_pixel_format(settings.pixel_format)
             self._set_feature("Height", settings.rows)
         if self._waits_for_trigger:
+            if "TriggerSoftware" not in self._feature_names:
+                raise errors.ProfileFormatRefused(
+                    "the laser can't be triggered by software: let it run free at the sensor, and "
+                    'set trigger = "fresh" in [laser.genicam]'
+                )
             self._camera.enable_trigger(self._choose_trigger(), "Software")
         elif "TriggerMode" in self._feature_names:
             self._camera.disable_trigger(self._choose_trigger())
@@ -126,13 +138,13 @@ class GenicamClient:
             packet_size=int.from_bytes(self._camera.read_register(PACKET_SIZE)) & 0xFFFF,
             unit=self._read_enum("Scan3dDistanceUnit"),
             output_mode=self._read_enum("Scan3dOutputMode"),
-            x=self._read_axis_scale("CoordinateA"),
-            z=self._read_axis_scale("CoordinateC"),
             exposure=self._exposure,
+            **self._read_axes(),
             latches=self._latches,
             ticks_per_second=self._ticks_per_second,
         )
         self._open_stream()
+        self._connected = laser
         return laser
 
     def identity(self) -> DeviceIdentity:
@@ -173,6 +185,7 @@ class GenicamClient:
                     exposed=when.midpoint,
                     uncertainty=when.half_length,
                     attempts=attempt,
+                    **self._read_axes(),
                 )
         if stale:
             raise errors.ProfileStale(
@@ -235,7 +248,7 @@ class GenicamClient:
             self._camera.set_frame_rate(min(rate, self._fastest_rate()))
         self._began = self._read_clock()[0] if self._margin is None else None
         self._open_stream()
-        self._heard = time.monotonic()
+        self._heard = self._looked = time.monotonic()
         self._receiver = BlockReceiver(self._next_block)
 
     def take_blocks(self, wait: float) -> list[messages.StampedBlock | None]:
@@ -246,12 +259,32 @@ class GenicamClient:
         if self._receiver is None:
             raise errors.LaserFault("the laser's stream has ended")
         blocks, now = self._receiver.take(wait), time.monotonic()
+        if now - self._looked > SETTINGS_LOOK_PERIOD:
+            self._looked = now
+            self._refuse_changes()
         if blocks:
             self._heard = now
         elif now - self._heard > SILENCE_UNTIL_ASKED:
             self._heard = now
             self._read_clock()
         return blocks
+
+    def _refuse_changes(self) -> None:
+        """Refuse to go on where the laser no longer is as it was set up."""
+        was = self._connected
+        if was is None or self._margin is not None:
+            return
+        if self._read_axes() != {"x": was.x, "z": was.z}:
+            self._read_clock()  # or the laser is gone, and states nothing
+            raise errors.ProfileFormatRefused(
+                "the laser's Scan3dCoordinateScale, -Offset or -AxisMin and -Max changed while it "
+                "streamed. See that nothing else sets it up, then go on with --resume"
+            )
+        if self._read_feature("ExposureTime", self._camera.get_float) != 1e6 * (was.exposure or 0):
+            raise errors.LaserStampsRefused(
+                "the laser's ExposureTime changed while it streamed, and with it what its stamps "
+                "mean. See that nothing else sets it up, then go on with --resume"
+            )
 
     def end_stream(self) -> None:
         """Let the laser do as it did before the stream, if there is one."""
@@ -292,7 +325,8 @@ class GenicamClient:
                 "the laser no longer takes commands: it was restarted, or its connection broke. "
                 "Start again."
             )
-        if isinstance(error, viva_genicam.GenApiError) and "timeout" not in words:
+        lost = any(word in words.lower() for word in LINK_LOST_WORDS)
+        if isinstance(error, viva_genicam.GenApiError) and not lost:
             return errors.ProfileFormatRefused(f"the laser does not do as it is set up: {words}")
         return errors.LaserNotResponding(
             f"the laser does not answer: {words}. See its power and cable."
@@ -430,6 +464,13 @@ class GenicamClient:
         with suppress(GenicamError):
             return read(name)
         return None
+
+    def _read_axes(self) -> dict[str, messages.StatedAxis]:
+        """What the laser states of x and z."""
+        return {
+            "x": self._read_axis_scale("CoordinateA"),
+            "z": self._read_axis_scale("CoordinateC"),
+        }
 
     def _read_axis_scale(self, coordinate: str) -> messages.StatedAxis:
         if "Scan3dCoordinateSelector" not in self._feature_names:

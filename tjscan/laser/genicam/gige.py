@@ -210,7 +210,7 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
     def describe(self) -> LaserDescription:
         """Describe the laser and its link; raises as `connected` does."""
         laser, (size, payload, limits) = self.connected, self._describe_payload()
-        clock, advice = "its clock can be read", ""
+        clock, advice = f"its clock has {laser.ticks_per_second:,} ticks a second", ""
         if not laser.latches:
             clock = "its clock can't be read, so that its stream restarts for each profile"
         if self.settings.serial is None:
@@ -366,13 +366,23 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
         scales_of_laser(laser, self.settings)  # refuses what it can't read
 
     def _parse_block(self, block: ReceivedBlock | StampedBlock) -> Profile:
+        laser = self.connected
+        if block.columns != laser.columns:
+            raise ProfileFormatRefused(
+                f"a profile has {block.columns} points, and the laser stated a Width of "
+                f"{laser.columns}. See that nothing else sets its region of interest, then start "
+                "again."
+            )
         row = COORDINATE_FORMATS[block.pixel_format].point_size * block.columns
         if len(block.data) < row:
             raise ProfileFormatRefused(
                 f"a block of {len(block.data)} bytes holds no {block.columns} points in "
                 f"{block.pixel_format}"
             )
-        return profile_of_row(block.data[:row], block.pixel_format, self.scales)
+        if isinstance(block, ReceivedBlock):  # what a laser states may change with each profile
+            laser = replace(laser, x=block.x, z=block.z)
+        scales = scales_of_laser(laser, self.settings)
+        return profile_of_row(block.data[:row], block.pixel_format, scales)
 
     def check_stream(self, period: float) -> None:
         """Refuse blocks of several rows, too: they have one stamp. See `GigeLaser`."""

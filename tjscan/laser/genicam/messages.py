@@ -95,6 +95,8 @@ class ReceivedBlock:
         How far off that may be, in seconds.
     attempts : int
         Triggers that it took.
+    x, z : StatedAxis
+        What the laser states about its numbers then.
     """
 
     data: bytes
@@ -104,6 +106,8 @@ class ReceivedBlock:
     exposed: float
     uncertainty: float
     attempts: int
+    x: StatedAxis
+    z: StatedAxis
 
 
 @dataclass(frozen=True, slots=True)

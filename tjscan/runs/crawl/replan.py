@@ -89,7 +89,8 @@ class CrawlPassPlanner:
         if cycle.arc:  # what was seen before lies below its bead
             self._seen.clear()
         at = cycle.travel + self.job.vehicle.laser_to_torch
-        outside = not -POOLED_LENGTH <= at <= self.job.weld.length + POOLED_LENGTH
+        # Beyond an end of the beads there is none: a median over both sides is of either surface.
+        outside = not 0.0 <= at <= self.job.weld.length
         looks = cycle.phase in LOOKING_PHASES and not outside
         if cycle.profile is None or not looks or abs(at - self._last) < 0.9 * PROFILE_SPACING:
             return
