@@ -18,8 +18,6 @@ from typing import Any
 import numpy as np
 import pytest
 from command import tjscan
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tjscan.core.errors import (
     ConfigurationError,
@@ -397,18 +395,6 @@ def state_message(vehicle: MqttVehicle, number: int, speed: float) -> StateMessa
     state = VehicleState(0.01 * number, Twist(speed, 0.0))
     own = {"session": "vehicle", "commander": vehicle._session}
     return StateMessage.of_state(state, number=number, time=0.01 * number, **own)
-
-
-@given(st.lists(st.booleans(), max_size=30))
-def test_a_state_in_which_an_encoder_erred_is_no_alarm(wrong: list[bool]) -> None:
-    vehicle = MqttVehicle(MqttSettings())
-    vehicle._gate.session, vehicle._has_commanded = "vehicle", True
-    vehicle._ordered.order(AT_REST, -10.0)
-    for number, erred in enumerate(wrong):
-        message = state_message(vehicle, number, 0.1 if erred else 0.0)
-        vehicle._receive_state(message, 0.01 * number)
-    runs = "".join("x" if erred else " " for erred in wrong)
-    assert bool(vehicle._alarm) == ("xxx" in runs)
 
 
 def test_states_that_are_read_while_they_are_counted_hold_nothing_up() -> None:

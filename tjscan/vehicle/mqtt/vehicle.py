@@ -28,9 +28,6 @@ MOST_WAITING_STATES: Final = 300
 """States that wait to be read, 3 s of them; older ones are dropped then. Without one its way is not
 known: it is more than any program may be held up for that goes on."""
 
-UNORDERED_STATES: Final = 3
-"""States in a row that must show motion that was not ordered: in one an encoder may have erred."""
-
 
 class MqttVehicle(BrokerClient):
     """A vehicle behind an MQTT broker, behind the `Vehicle` protocol.
@@ -61,7 +58,6 @@ class MqttVehicle(BrokerClient):
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order: tuple[Twist, float] | None = None
         self._ordered, self._echoed, self._has_commanded = OrderedMotion(), 0, False
-        self._unordered = 0  # states in a row
         self._newest_pose: wire.PoseMessage | None = None
         self._read_until: float | None = None
         self._pose: wire.PoseMessage | None = None  # at the last state that was read
@@ -214,9 +210,7 @@ class MqttVehicle(BrokerClient):
         self._heard, self._lost = now, ""
         self._fault, self._commander = message.fault, message.commander
         odometry = message.state.odometry
-        unordered = self._has_commanded and self._ordered.contradicts(odometry, now)
-        self._unordered = self._unordered + 1 if unordered else 0
-        if self._unordered >= UNORDERED_STATES:
+        if self._has_commanded and self._ordered.contradicts(odometry, now):
             self._raise_alarm(
                 f"the vehicle drives {1e3 * odometry.speed:.0f} mm/s and turns "
                 f"{odometry.turn_rate:.2f} rad/s, which this program did not order"
