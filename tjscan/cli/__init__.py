@@ -47,10 +47,12 @@ HELP_GROUPS: Final = {
 }
 """Commands in the program's help, by what one wants."""
 
-_GROUPS: Final = [Group(title, sort_key=number) for number, title in enumerate(HELP_GROUPS)]
+_GROUPS_IN_ORDER: Final = [
+    Group(title, sort_key=number) for number, title in enumerate(HELP_GROUPS)
+]
 GROUP_OF_COMMAND: Final = {
     name: group
-    for group, names in zip(_GROUPS, HELP_GROUPS.values(), strict=True)
+    for group, names in zip(_GROUPS_IN_ORDER, HELP_GROUPS.values(), strict=True)
     for name in names
 }
 

@@ -16,7 +16,7 @@ from tjscan.groove.section import GrooveSection
 from tjscan.joint.tubes import fit as tube_fit
 from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
 from tjscan.laser.profile import Profile
-from tjscan.scanning.section import ProfileView, ScannedSection, Sections
+from tjscan.scanning.section import ProfileView, ScannedSection, Sections, Substep
 from tjscan.stitching.unrolled_views import moves_of_wall_points, wall_points_of_views
 from tjscan.uncertainty.causes import ViewCause
 
@@ -129,12 +129,15 @@ def station_from_recording(
     sections : sequence of ScannedSection
         Finished sections in the order of the scan.
     views : sequence of ProfileView
-        All views; those that made no section are read again.
+        All views; those that made no section are read again, but for those taken in passing,
+        of which sections were made together.
     read : callable
         Reads the groove in a profile.
     """
     every = list(sections)
     for view in views:
+        if view.substep is Substep.PASSING:
+            continue
         # Views from one pose share one error of the arm: together they show no more of it.
         if any(
             np.abs(view.T_b_f - other.view.T_b_f).max() < SAME_FLANGE_POSE_TOLERANCE
