@@ -14,6 +14,7 @@ from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import RecordingWriter
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import (
+    MissingMessages,
     RecordingDamage,
     count_messages,
     raise_damage_error,
@@ -142,7 +143,40 @@ def test_chunks_that_are_lost_doubled_or_swapped_are_missed(tmp_path: Path) -> N
         file.write_bytes(data[: ends[0]] + b"".join(chunks[i] for i in order) + data[ends[-1] :])
         with pytest.raises(RecordingError):
             content(tmp_path)
-        assert count_messages(file) >= 9
+
+
+def test_a_part_goes_on_behind_a_lost_end_and_misses_what_is_lost_later(tmp_path: Path) -> None:
+    file, later = tmp_path / "scan.mcap", tmp_path / "scan-2.mcap"
+    ends = []
+    with RecordingWriter(file, TOPICS) as recording:
+        for i in range(4):
+            recording.write(i, (COUNT, Count(i)))
+            recording.sync_to_disk()
+            ends.append(len(file.read_bytes()))
+    data = file.read_bytes()
+    file.write_bytes(data[: ends[2]] + data[ends[3] :])
+    damages: list[RecordingDamage] = []
+    content(tmp_path, damages.append)
+    assert [damage.is_at_end for damage in damages] == [True]
+    record(later, 3)
+    content(
+        tmp_path
+    )  # the scan that went on took it again: a second interruption is none the worse
+    file.write_bytes(data[: ends[1]] + data[ends[3] :])
+    with pytest.raises(RecordingError, match="1 messages are missing"):
+        content(tmp_path)
+
+
+def test_a_file_that_another_tool_recovered_lacks_nothing_twice(tmp_path: Path) -> None:
+    file = tmp_path / "scan.mcap"
+    record(file)
+    left = MissingMessages(file, lambda damage: reasons.append(damage.reason))
+    reasons: list[str] = []
+    for number in (0, 1, 4):
+        left.count_message(number)
+    left.stated = 3  # it counted what it found
+    left.end_file(None)
+    assert reasons == ["2 messages are missing before message 4 of the recording"]
 
 
 def test_a_damage_that_costs_no_message_is_none(tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf, nan
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -40,6 +42,7 @@ from paho.mqtt.enums import CallbackAPIVersion  # noqa: E402
 from tjscan.vehicle.mqtt.settings import MqttSettings  # noqa: E402
 from tjscan.vehicle.mqtt.torch import MqttTorch  # noqa: E402
 from tjscan.vehicle.mqtt.vehicle import MqttVehicle  # noqa: E402
+from tjscan.vehicle.mqtt.wire import StateMessage  # noqa: E402
 
 LONGEST = 3.0
 """Seconds: 0.6 on an idle machine, where the benchmark holds them to that."""
@@ -373,6 +376,40 @@ def test_motion_that_was_not_ordered_is_an_alarm_and_stopped(
         vehicles.wait_until_at_rest()
         with pytest.raises(UnorderedMotion):
             vehicle.command(Twist(0.05, 0.0))
+
+
+def test_who_waits_for_a_vehicle_takes_it_over_from_who_stops_and_goes(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    first = driver(broker).__enter__()
+    with ThreadPoolExecutor(1) as pool:
+        taken = pool.submit(driver(broker, connect_limit=SILENCE).__enter__)
+        drive(first, 1.0, Twist(0.05, 0.0))
+        first.__exit__()
+        with taken.result() as second:
+            drive(second, 0.3, Twist(0.05, 0.0))
+
+
+def state_message(vehicle: MqttVehicle, number: int, speed: float) -> StateMessage:
+    """The state of a vehicle that takes this program's commands, a hundredth of a second later."""
+    state = VehicleState(0.01 * number, Twist(speed, 0.0))
+    own = {"session": "vehicle", "commander": vehicle._session}
+    return StateMessage.of_state(state, number=number, time=0.01 * number, **own)
+
+
+def test_states_that_are_read_while_they_are_counted_hold_nothing_up() -> None:
+    class ReadMeanwhile(SimpleQueue[Any]):
+        def qsize(self) -> int:
+            return 10**6
+
+    vehicle = MqttVehicle(MqttSettings())
+    vehicle._gate.session, vehicle._states = "vehicle", ReadMeanwhile()
+    thread = threading.Thread(
+        target=vehicle._receive_state, args=(state_message(vehicle, 1, 0.0), 0.01), daemon=True
+    )
+    thread.start()
+    thread.join(LONGEST)
+    assert not thread.is_alive()
 
 
 def test_numbers_and_clocks_of_the_future_lock_nobody_out(

@@ -45,6 +45,11 @@ def test_an_order_that_was_taken_back_explains_motion_for_its_response_time_alon
     moves = Twist(0.2, 0.0)
     assert not OrderedMotion().contradicts(moves, 10.0)  # before the first order nothing is known
     assert ordered.contradicts(moves, 1.0 + 0.05 * 40)
+    for late in (0.0, 0.2, 0.5):  # as the two messages together were, and it brakes from 0.3 m/s
+        braking = OrderedMotion()
+        braking.order(Twist(0.3, 0.0), 0.0)
+        braking.order(AT_REST, 1.0)
+        assert not braking.contradicts(moves, 1.0 + late + 0.3)
     again = OrderedMotion()
     again.order(Twist(0.3, 0.0), 0.0)
     again.order(AT_REST, 1.0)

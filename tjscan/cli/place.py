@@ -56,10 +56,17 @@ def place(
 
     file = out or Path(f"{joint.stem}-{Path(arm).stem}.toml")
     picture = file.with_suffix(".png")
+    if file.suffix != ".toml":
+        raise ConfigurationError("a job's name ends with .toml", file=file)
+    if not -180 <= tilt_deg <= 180:
+        raise ConfigurationError("--tilt-deg is between -180 and 180")
     for there in (file, picture):
         if there.exists():
             raise ConfigurationError("is there already; choose another with --out", file=there)
+    if Path(arm).suffix == ".urdf":  # the template names another folder's
+        arm = str(Path(arm).absolute())
     keys = parse_overrides(overrides) | {"arm.model": arm}
+    keys |= {"arm.driver": "simulated", "laser.driver": "simulated"}  # nothing real is moved
     with TemporaryDirectory() as name:
         if template is None:
             for given, text in files_of_example("ur10e").items():
@@ -70,7 +77,7 @@ def place(
     with write_files_atomically(file.parent) as draft:
         (draft / file.name).write_text(tomli_w.dumps(placed.table), encoding="utf-8")
         write_png(draft / picture.name, draw_placed_joint(placed))
-    check_scan_job(ScanContext(read_scan_job(file), file))
+        check_scan_job(ScanContext(read_scan_job(draft / file.name), file))
     step = 360 / len(placed.azimuths)
     print_table(
         [

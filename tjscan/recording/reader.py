@@ -280,6 +280,9 @@ class MissingMessages:
         self._file, self._report = file, report
         self.expected = 0
         """Number of the next message."""
+        self.stated = 0
+        """Number behind the last message, as a finished file states it; a part that follows goes
+        on behind what was left when it began, as after any damage of an end."""
         self.noticed: list[str] = []
         """Damages since the last message, whose loss the next one shows."""
 
@@ -293,19 +296,14 @@ class MissingMessages:
         self.expected = number + 1
         self.noticed.clear()
 
-    def end_data(self, stated: int) -> None:
-        """Take the number behind the last message, as a finished file states it."""
-        if missing := stated - self.expected:
-            self.expected = stated
-            self.noticed.append(f"{missing} messages are missing at its end")
-            self._report_noticed(is_at_end=True)
-            self.noticed.clear()
-
     def end_file(self, following: RecordingHeader | None) -> None:
         """Take the head of the part that follows this file; None if none does."""
         if following is not None:
             self.count_message(following.messages_before, is_at_end=True)
-        elif self.noticed:
+            return
+        if (missing := self.stated - self.expected) > 0:
+            self.noticed.append(f"{missing} messages are missing at its end")
+        if self.noticed:
             self._report_noticed(is_at_end=True)
 
     def _report_noticed(self, *, is_at_end: bool) -> None:
@@ -366,7 +364,7 @@ def read_messages(
         if isinstance(record, RecordingHeader):
             count.expected = before = record.messages_before
         elif isinstance(record, Statistics):
-            count.end_data(before + record.message_count)
+            count.stated = before + record.message_count
         elif isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
@@ -400,12 +398,10 @@ def count_messages(file: Path) -> int:
     ConfigurationError, RecordingError
         As `read_messages` does; damages are passed over.
     """
-    count = before = 0
+    count = 0
     for record in _read_records(file, lambda _: None):
         if isinstance(record, RecordingHeader):
-            count = before = record.messages_before
-        elif isinstance(record, Statistics):  # what was lost since is counted
-            count = before + record.message_count
+            count = record.messages_before
         elif isinstance(record, Message):
             count = record.sequence + 1
     return count

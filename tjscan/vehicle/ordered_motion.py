@@ -7,10 +7,14 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.vehicle.mqtt.wire import LONGEST_MESSAGE_DELAY
 from tjscan.vehicle.vehicle import Twist
 
-RESPONSE_TIME: Final = 0.4
-"""Seconds in which a vehicle follows an order: message, motors' lag and braking together."""
+LAG_TIME: Final = 0.4
+"""Seconds in which a vehicle follows an order that it has: motors' lag and braking together."""
+
+RESPONSE_TIME: Final = LAG_TIME + 2 * LONGEST_MESSAGE_DELAY
+"""Seconds in which its states show that: both messages may be as late as any that is taken."""
 
 SPEED_TOLERANCE: Final = np.array((0.01, 0.03, 0.01))
 """By how much wheels may turn faster than ordered: m/s along, rad/s, m/s sideways. An assumption
@@ -41,7 +45,7 @@ class OrderedMotion:
 
     def contradicts(self, motion: Twist, now: float) -> bool:
         """Whether a motion that the encoders show can't come from what was ordered."""
-        if now < self._first + RESPONSE_TIME:
+        if now < self._first + LAG_TIME:
             return False
         ordered = np.array([(0.0, 0.0, 0.0), *(astuple(twist) for _, twist in self._orders)])
         spare = SPEED_TOLERANCE + OVERSHOOT_SHARE * np.abs(ordered).max(axis=0)

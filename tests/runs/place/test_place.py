@@ -9,6 +9,7 @@ from command import tjscan
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from tjscan.core.errors import GrooveNotFound, StartSeesNoGroove
 from tjscan.core.frames import inverse_pose, pose, rot_z
 from tjscan.job.files import read_scan_job
 from tjscan.robot.kinematics import Kinematics
@@ -18,7 +19,7 @@ from tjscan.runs.place.search import (
     longest_run,
     reached_arcs,
 )
-from tjscan.runs.scan.run import ScanContext, check_scan_job
+from tjscan.runs.scan.run import ScanContext, check_scan_job, is_simulated
 
 CAD = Path(__file__).parents[3] / "cad"
 AZIMUTHS, OVERLAP = 24, 3
@@ -95,6 +96,49 @@ def test_a_joint_of_ones_own_becomes_a_job_that_scans_it_all_round(tmp_path: Pat
     length = sum(one["length_mm"] + table["scan"]["step_mm"] for one in table["station"])
     assert length > np.pi * 323.9 * 1.1  # all round, and the overlaps
     assert tjscan("place", joint, "ur10e", "--out", job, pictures=True) == 2  # nothing overwritten
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (("--out", "job.png"), "ends with .toml"),
+        (("--tilt-deg", "nan"), "between -180 and 180"),
+    ],
+)
+def test_an_odd_name_or_tilt_is_refused_before_the_search(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: tuple[str, str], why: str
+) -> None:
+    joint = CAD / "tjoint-406x324.toml"
+    given = {"--out": str(tmp_path / "job.toml"), wrong[0]: wrong[1]}
+    words = [word for pair in given.items() for word in pair]
+    assert tjscan("place", joint, "ur10e", *words, pictures=True) == 2
+    assert why in capsys.readouterr().err
+
+
+@pytest.fixture
+def real_cell(tmp_path: Path) -> Path:
+    """A job with a real arm."""
+    assert tjscan("init", "ur10e", "--out", tmp_path / "cell", pictures=True) == 0
+    job = tmp_path / "cell" / "ur10e.toml"
+    text = job.read_text(encoding="utf-8")
+    job.write_text(text.replace('driver = "simulated"', 'driver = "ur"', 1), encoding="utf-8")
+    return job
+
+
+def test_a_cell_of_ones_own_is_placed_without_its_real_arm(
+    tmp_path: Path, real_cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "elsewhere" / "job.toml"
+    joint = CAD / "tjoint-406x324.toml"
+    words = ("--template", real_cell, "--tilt-deg", "45", "--out", out)
+
+    def refuse(context: ScanContext) -> None:
+        assert is_simulated(context.job)
+        raise StartSeesNoGroove("first", GrooveNotFound("too few points", "nothing is there"))
+
+    monkeypatch.setattr("tjscan.runs.scan.run.check_scan_job", refuse)
+    assert tjscan("place", joint, "ur10e", *words, pictures=True) == 4
+    assert not list(out.parent.iterdir())  # what was found unsound is not left behind
 
 
 def test_an_arm_that_is_too_small_is_told(

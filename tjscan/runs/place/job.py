@@ -123,10 +123,17 @@ def place_joint(
     window = job.laser.near, job.laser.far
     centred = plan_with_centred_groove(joint, 0.0, view, window)
     plan = replace(scan, standoff=centred.standoff, offset=centred.offset)
-    searched = _Search(job, joint, plan, sensor_mount_of_job(job, template).T_f_s, tilt)
+    mount = sensor_mount_of_job(job, template)
+    searched = _Search(job, joint, plan, mount.T_f_s, tilt)
     stations = searched.stations()
-    table = _job_table(searched, stations, Path(os.path.relpath(joint_file, folder)).as_posix())
+    table = _job_table(searched, stations, _path_from(folder, joint_file))
+    if mount.file is not None:
+        table["calibration"] = table["calibration"] | {"file": _path_from(folder, mount.file)}
     return PlacedJoint(joint, searched.T_w_j, stations, searched.azimuths, table)
+
+
+def _path_from(folder: Path, file: Path) -> str:
+    return Path(os.path.relpath(file, folder)).as_posix()
 
 
 class _Search:

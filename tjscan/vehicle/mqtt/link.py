@@ -177,7 +177,7 @@ class BrokerLink:
         broker, file = self.broker, ""
         try:
             if file := broker.password_file:
-                password = Path(file).read_text(encoding="utf-8").strip()
+                password = Path(file).read_text(encoding="utf-8").rstrip("\r\n")
                 self._client.username_pw_set(broker.user, password)
             elif broker.user:
                 self._client.username_pw_set(broker.user)

@@ -209,15 +209,16 @@ class MqttVehicle(BrokerClient):
             raise wire.BadMessage(reason)
         self._heard, self._lost = now, ""
         self._fault, self._commander = message.fault, message.commander
-        if self._has_commanded and self._ordered.contradicts(message.state.odometry, now):
-            odometry = message.state.odometry
+        odometry = message.state.odometry
+        if self._has_commanded and self._ordered.contradicts(odometry, now):
             self._raise_alarm(
                 f"the vehicle drives {1e3 * odometry.speed:.0f} mm/s and turns "
                 f"{odometry.turn_rate:.2f} rad/s, which this program did not order"
             )
         if self._states.qsize() >= MOST_WAITING_STATES:
-            self._states.get()
-            self._note_dropped("a state that was not read in time")
+            with suppress(Empty):  # they are read this very moment
+                self._states.get_nowait()
+                self._note_dropped("a state that was not read in time")
         self._states.put((message.state, self._newest_pose))
 
     def _receive_command(self, message: wire.CommandMessage) -> None:
@@ -225,7 +226,7 @@ class MqttVehicle(BrokerClient):
         if message.session == self._session and self._echoed < message.number <= self._number:
             self._echoed = message.number
             return
-        if message.order == "stop":
+        if message.order == "stop" and self._has_commanded:  # before, it is who goes
             self._raise_alarm("another client of the broker ordered the vehicle to stop")
         raise wire.BadMessage("another client of the broker commands the vehicle")
 
