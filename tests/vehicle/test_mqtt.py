@@ -369,10 +369,11 @@ def test_motion_that_was_not_ordered_is_an_alarm_and_stopped(
     with driver(broker) as vehicle, sender(broker) as send:
         drive(vehicle, DEAD_MAN_TIME)
         vehicles.unread_output()
-        ahead = {"session": vehicle._session, "number": vehicle._number + 100}
-        send(**ahead, time=time.monotonic() + 0.2, order="drive", speed=0.3, hold=0.5)
+        drives = {"session": vehicle._session, "order": "drive", "speed": 0.3, "hold": 0.5}
         with pytest.raises(UnorderedMotion, match="did not order"):
-            drive(vehicle, LONGEST)
+            for number in range(vehicle._number + 100, vehicle._number + 1000):
+                send(**drives, number=number, time=time.monotonic() + 0.2)
+                vehicle.next_state()
         vehicles.wait_until_at_rest()
         with pytest.raises(UnorderedMotion):
             vehicle.command(Twist(0.05, 0.0))

@@ -140,7 +140,9 @@ def _stitching_rows(
 def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
     """Check a job and the way to its taught poses, without a scan."""
     scan.check_scan_job(ScanContext(_job_at_chosen_station(job, file, station), file))
-    print_message(f"{file}: the job is sound, and the way to its taught poses is clear")
+    looked = scan.is_simulated(job)
+    seen = "a groove is read there" if looked else "no groove was looked for: not all is simulated"
+    print_message(f"{file}: the job is sound, the way to its taught poses is clear, and {seen}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -197,7 +197,7 @@ LOOKS_AT_START_POSE: Final = 3
 
 
 def check_scan_job(context: ScanContext) -> None:
-    """Check a job, what it names, and the way from here to its taught poses; move nothing.
+    """Check a job, what it names, and the way from here to its taught poses; nothing real moves.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def check_scan_job(context: ScanContext) -> None:
         If the job is wrong.
     PoseUnreachable
         If a taught pose is, or the way there is blocked.
-    StartSeesNoGroove
+    StartSeesNoGroove, StartOnTack
         If the whole cell is simulated, and no groove is read at a taught pose.
     """
     with add_file_to_errors(context.job_file):
@@ -228,7 +228,8 @@ def _look_at_start_poses(cell: Cell, job: ScanJob) -> None:
         cell.arm.move_joint_to_pose(start.T)
         for left in reversed(range(LOOKS_AT_START_POSE)):
             try:
-                read(cell.laser.capture())
+                if read(cell.laser.capture()).on_tack:
+                    raise errors.StartOnTack(which)
                 break
             except errors.GrooveNotFound as error:
                 if not left:

@@ -58,6 +58,7 @@ class MqttVehicle(BrokerClient):
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order: tuple[Twist, float] | None = None
         self._ordered, self._echoed, self._has_commanded = OrderedMotion(), 0, False
+        self._alarm_told = False
         self._newest_pose: wire.PoseMessage | None = None
         self._read_until: float | None = None
         self._pose: wire.PoseMessage | None = None  # at the last state that was read
@@ -144,7 +145,9 @@ class MqttVehicle(BrokerClient):
 
     def accept_commands_again(self) -> None:
         """Take commands again after a stop. See `Vehicle.accept_commands_again`."""
-        self._order, self._stopped, self._alarm = None, False, ""
+        if self._alarm_told:  # one that nobody heard of yet holds
+            self._alarm, self._alarm_told = "", False
+        self._order, self._stopped = None, bool(self._alarm)
 
     # What the driver's own thread does
 
@@ -272,6 +275,7 @@ class MqttVehicle(BrokerClient):
 
     def _check_no_alarm(self) -> None:
         if self._alarm:
+            self._alarm_told = True
             raise errors.UnorderedMotion(
                 f"{self._alarm}. This program has stopped it. See what else is connected to the "
                 f"broker at {self.settings.host}:{self.settings.port}, then start again."
