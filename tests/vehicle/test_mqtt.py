@@ -370,10 +370,14 @@ def test_motion_that_was_not_ordered_is_an_alarm_and_stopped(
         drive(vehicle, DEAD_MAN_TIME)
         vehicles.unread_output()
         drives = {"session": vehicle._session, "order": "drive", "speed": 0.3, "hold": 0.5}
-        with pytest.raises(UnorderedMotion, match="did not order"):
+
+        def be_driven() -> None:
             for number in range(vehicle._number + 100, vehicle._number + 1000):
                 send(**drives, number=number, time=time.monotonic() + 0.2)
                 vehicle.next_state()
+
+        with pytest.raises(UnorderedMotion, match="did not order"):
+            be_driven()
         vehicles.wait_until_at_rest()
         with pytest.raises(UnorderedMotion):
             vehicle.command(Twist(0.05, 0.0))

@@ -145,7 +145,7 @@ class MqttVehicle(BrokerClient):
 
     def accept_commands_again(self) -> None:
         """Take commands again after a stop. See `Vehicle.accept_commands_again`."""
-        if self._alarm_told:  # one that nobody heard of yet holds
+        if self._alarm_told:  # else it holds
             self._alarm, self._alarm_told = "", False
         self._order, self._stopped = None, bool(self._alarm)
 
