@@ -54,6 +54,15 @@ def test_between_states_the_arm_is_where_it_was_to_a_micrometre() -> None:
         np.testing.assert_allclose(found, arm().forward(swinging(np.array([t]))[0]), atol=1e-6)
 
 
+def test_states_that_come_twice_or_are_overtaken_change_nothing() -> None:
+    times = np.arange(0.0, 1.0, 0.008)
+    doubled = np.repeat(times, 2)
+    doubled[100:103] = doubled[102:99:-1]
+    once, twice = poses_of(times, swinging(times)), poses_of(doubled, swinging(doubled))
+    for t in (0.3, 0.41, 0.7):
+        np.testing.assert_allclose(twice.at(t).q, once.at(t).q, atol=1e-6)
+
+
 def view_at(T_b_s: Array, profile: Profile, time: float) -> ProfileView:
     return ProfileView(3, Substep.PASSING, T_b_s, T_b_s, profile, time, HOME)
 

@@ -37,8 +37,10 @@ class ActualPoses:
         self._states.clear()
 
     def add(self, states: Iterable[ArmState]) -> None:
-        """Take further states, in order."""
-        self._states.extend(states)
+        """Take further states, in order; what comes twice, or was overtaken, is left out."""
+        for state in states:
+            if not self._states or state.time > self.latest:
+                self._states.append(state)
 
     @property
     def first(self) -> float:
