@@ -30,12 +30,15 @@ def draw_placed_joint(placed: PlacedJoint) -> Figure:
             u, v = (1e3 * arc.T_w_b[[first, second], 3]).tolist()
             along, up = (200 * arc.T_w_b[[first, second], 0]).tolist()
             axes.plot(u, v, "s", color=colour, markersize=10)
+            mount = (1e3 * (arc.T_w_b[:3, 3] - 0.3 * arc.T_w_b[:3, 2]))[[first, second]]
+            axes.plot((u, mount[0]), (v, mount[1]), color=colour, linewidth=4, alpha=0.3)
             axes.arrow(u, v, along, up, color=colour, head_width=30)
-            axes.annotate(f"place-{n}", (u, v), (8, 8), textcoords="offset points", color=colour)
+        axes.margins(0.1)
         axes.set_aspect("equal")
         axes.set_xlabel(f"{'xyz'[first]} in frame w, mm")
         axes.set_ylabel(f"{'xyz'[second]} in frame w, mm")
         axes.set_title(title)
+        axes.legend(loc="best", framealpha=0.8)
         axes.grid(visible=True, alpha=0.3)
     return figure
 
