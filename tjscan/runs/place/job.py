@@ -153,9 +153,9 @@ class _Search:
         self.T_s_f = inverse_pose(T_f_s)
         self.T_w_f = np.array([self.flange_at(azimuth) for azimuth in self.azimuths])
 
-    def flange_at(self, azimuth: float, error: Array | None = None) -> Array:
+    def flange_at(self, azimuth: float) -> Array:
         """Ideal flange pose before the groove at an azimuth, in frame w."""
-        T_j_s = ideal_sensor_pose(self.joint, azimuth, self.plan, error)
+        T_j_s = ideal_sensor_pose(self.joint, azimuth, self.plan)
         return np.asarray(self.T_w_j @ T_j_s @ self.T_s_f)
 
     def stations(self) -> tuple[ReachedArc, ...]:
