@@ -186,7 +186,9 @@ def write_ply(file: Path, points: Array) -> None:
 CLOUDS: dict[str, Callable[[Path, Array], None]] = {
     "xyz": write_xyz,
     "commas.xyz": with_decimal_commas(write_xyz),
-    "semicolons.xyz": with_decimal_commas(lambda *to: np.savetxt(*to, delimiter=",")),
+    "semicolons.xyz": with_decimal_commas(
+        lambda file, points: np.savetxt(file, points, delimiter=",")
+    ),
     "csv": write_csv,
     "semicolons.csv": with_decimal_commas(write_csv),
     "pcd": write_pcd,
