@@ -26,7 +26,8 @@ from tjscan.robot.path import interpolate_joints, linear_waypoints
 from tjscan.robot.settings import Box, Capsule, ClearanceMargins, Cylinder, Solid
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.urdf import ARM_MODELS
-from tjscan.runs.scan.run import ScanContext, check_scan_job, scan_in_cell
+from tjscan.runs.scan.rehearsal import check_scan_job
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.journal import ScannedSurfaceObstacle, StopReason, grid_triangles
 
 HOME = np.radians([0, -80, 110, -120, -90, 0])

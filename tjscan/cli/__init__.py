@@ -141,7 +141,7 @@ def _load_commands(tokens: Sequence[str]) -> None:
     Raises
     ------
     ConfigurationError
-        If it is of a loopback device whose package is missing.
+        If there is no such command, or it is of a loopback device whose package is missing.
     """
     words = tuple(token for token in tokens if not token.startswith("-"))
     if words[:1] in ((), ("weld",)) and weld_app.default_command is None:
@@ -154,6 +154,12 @@ def _load_commands(tokens: Sequence[str]) -> None:
         raise errors.ConfigurationError(
             f"'tjscan {words[0]}' needs the package tjscan-loopback, which is not installed: "
             "pip install ./loopback in the checkout of tjscan"
+        )
+    if words and words[0] not in app and words[0] == tokens[0]:
+        known = [name for name in app if not name.startswith("-")]
+        raise errors.ConfigurationError(
+            f"there is no command {words[0]!r}; did you mean: "
+            f"{errors.nearest_word(words[0], known)}?"
         )
     listings = {(): app, ("crawl",): crawl_app, ("tow",): tow_app, ("weld",): weld_app}
     if words in listings:

@@ -315,7 +315,10 @@ class LaserSettings(DeviceSettings):
 
     def __post_init__(self) -> None:
         if self.near >= self.far:
-            raise ValueError("near_mm must be smaller than far_mm")
+            raise ValueError(
+                f"near_mm must be smaller than far_mm (found {1e3 * self.near:g} and "
+                f"{1e3 * self.far:g}); swapped?"
+            )
         if self.driver == "replay" and self.recording is None:
             raise ValueError('driver "replay" needs a recording: a run directory, or its scan.mcap')
 
