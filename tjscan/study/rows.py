@@ -28,7 +28,7 @@ MOST_ROWS_BYTES: Final = 20_000_000_000
 ROWS_IN_MEMORY: Final = 10_000
 """How many rows a table takes at once."""
 
-ABSENT: Final = -1
+NO_ROW_OFFSET: Final = -1
 
 
 class StudyRows(Sequence[StudyRow[Any]]):
@@ -53,7 +53,7 @@ class StudyRows(Sequence[StudyRow[Any]]):
 
     def __init__(self, directory: Path, plan: StudyPlan, outcome: type[RunOutcome]) -> None:
         self._file, self._outcome = directory / STUDY_ROWS_FILE, outcome
-        self._offsets = np.full(len(plan), ABSENT, dtype=np.int64)
+        self._offsets = np.full(len(plan), NO_ROW_OFFSET, dtype=np.int64)
         if not self._file.exists():
             return
         files.check_file_size(self._file, MOST_ROWS_BYTES, "the rows of a study")
@@ -68,12 +68,14 @@ class StudyRows(Sequence[StudyRow[Any]]):
                     self._offsets[row.index] = stream.tell() - len(line)
 
     def __len__(self) -> int:
-        return int(np.count_nonzero(self._offsets != ABSENT))
+        return int(np.count_nonzero(self._offsets != NO_ROW_OFFSET))
 
     @property
     def missing(self) -> Iterator[int]:
         """Indices of the trials that have no row yet."""
-        return (index for index in range(len(self._offsets)) if self._offsets[index] == ABSENT)
+        return (
+            index for index in range(len(self._offsets)) if self._offsets[index] == NO_ROW_OFFSET
+        )
 
     def __iter__(self) -> Iterator[StudyRow[Any]]:
         return self._rows_at(self._done)
@@ -89,7 +91,7 @@ class StudyRows(Sequence[StudyRow[Any]]):
 
     @property
     def _done(self) -> NDArray[np.int64]:
-        done: NDArray[np.int64] = self._offsets[self._offsets != ABSENT]
+        done: NDArray[np.int64] = self._offsets[self._offsets != NO_ROW_OFFSET]
         return done
 
     def _rows_at(self, offsets: NDArray[np.int64]) -> Iterator[StudyRow[Any]]:
