@@ -174,7 +174,10 @@ def main(tokens: Sequence[str] | None = None) -> None:
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
         _load_commands(tokens)
-        app(tokens, exit_on_error=False, print_error=True)
+        try:
+            app(tokens, exit_on_error=False, print_error=True)
+        finally:
+            sys.stdout.flush()
     except CycloptsError:
         sys.exit(2)
     except errors.TjscanError as error:
@@ -188,10 +191,15 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         sys.exit(0)  # the reader of the output has closed it
     except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
+        if error.errno == errno.ENAMETOOLONG:
+            name = f"{error.filename!s:.60}…"
+            print(f"tjscan: too long for the name of a file: {name}", file=sys.stderr)
+            sys.exit(2)
+        if error.errno != errno.ENOSPC:
             raise
-        print(f"tjscan: too long for the name of a file: {error.filename!s:.60}…", file=sys.stderr)
-        sys.exit(2)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left goes nowhere
+        print("tjscan: the output can't be written: no space is left there", file=sys.stderr)
+        sys.exit(1)
     except KeyboardInterrupt:
         print("tjscan: interrupted", file=sys.stderr)
         sys.exit(130)

@@ -8,6 +8,7 @@ from enum import StrEnum
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
+from ipaddress import ip_address
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 from tjscan.core import errors
@@ -236,3 +237,11 @@ class DriverRegistry(Generic[F]):
             raise errors.missing_package_error(what, factory.client, factory.extra, self.key)
         with errors.explain_missing_package(what, factory.extra, self.key):
             return factory.make(inputs, settings)
+
+
+def is_loopback_host(name: str) -> bool:
+    """Whether a name or an address is of this machine alone."""
+    try:
+        return name == "localhost" or ip_address(name).is_loopback
+    except ValueError:
+        return False
