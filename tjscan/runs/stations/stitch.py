@@ -317,7 +317,7 @@ def _check_recording_is_of_job(directory: Path, job: ScanJob) -> None:
     recorded = validate_table(ScanJob, tomllib.loads(snapshot.job))
     if recorded.start_poses != job.start_poses:
         raise ConfigurationError(
-            f"its recording is of station {recorded.station[0].name!r}: its start poses are not what "
+            f"its recording is of station {recorded.station[0].name!r}, its start poses not what "
             f"its {run_files.JOB_FILE} has for {job.station[0].name!r}; put the recordings of the "
             "stations back into their own directories",
             file=directory,
