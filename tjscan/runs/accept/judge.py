@@ -44,8 +44,13 @@ SHAPE_DEGREE: Final = 3
 """Of the polynomial along an arc that is the lens', and no noise."""
 
 EXPECTED_DRAWS: Final = 4000
+"""Of returns, whose RP is the one to expect."""
+
+SPEED_SPAN: Final = 0.05
+"""Seconds over which the speed at a stop is taken."""
 
 SOLVE_ROUNDS: Final = 4
+"""Of Gauss and Newton, from a place that is known to a centimetre."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -359,7 +364,7 @@ def _flange_motion(kinematics: Kinematics, shot: PosedProfile) -> Array:
 
 
 def _points_off_arc(fit: CircleFit, shot: PosedProfile) -> tuple[Array, Array]:
-    """Directions from the centre to the points of an arc, shape (n, 2), and how far they are off."""
+    """Directions to the points of an arc, shape (n, 2), and how far they are off it."""
     points = np.column_stack((shot.profile.x_s[fit.inlier], shot.profile.z_s[fit.inlier]))
     away = points - fit.centre_s[[0, 2]]
     distance = np.linalg.norm(away, axis=1)
@@ -384,6 +389,8 @@ def ball_in_sensor(T_b_f: Array, T_f_s: Array, centre_b: Array) -> Array:
 def stopping(states: Sequence[ArmState], ordered: int) -> tuple[float, float, float]:
     """How far an arm went on after a stop was ordered.
 
+    The stop was ordered between two states: half of the way between them counts.
+
     Parameters
     ----------
     states : sequence of ArmState
@@ -394,21 +401,17 @@ def stopping(states: Sequence[ArmState], ordered: int) -> tuple[float, float, fl
     Returns
     -------
     distance, sigma, speed : float
-        Of the flange: metres, its standard uncertainty by the time between two states, and metres
-        per second when the stop was ordered.
+        Of the flange: metres, its standard uncertainty by the time between the two states, and
+        metres per second when the stop was ordered.
     """
     times = np.array([state.time for state in states])
     places = np.array([state.T_b_f[:3, 3] for state in states])
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     before = int(np.searchsorted(times, times[ordered] - SPEED_SPAN))
-    gone, seconds = steps[before:ordered].sum(), times[ordered] - times[before]
-    speed = float(gone / seconds) if seconds > 0 else 0.0
-    gap = float(np.diff(times[max(ordered - 1, 0) : ordered + 2]).max(initial=0.0))
-    return float(steps[ordered:].sum()), speed * gap / np.sqrt(12), speed
-
-
-SPEED_SPAN: Final = 0.05
-"""Seconds over which the speed at a stop is taken."""
+    seconds = times[ordered] - times[before]
+    speed = float(steps[before:ordered].sum() / seconds) if seconds > 0 else 0.0
+    between = float(steps[ordered])
+    return float(steps[ordered:].sum()) - 0.5 * between, between / np.sqrt(12), speed
 
 
 def clock_drift(first: tuple[float, float, float], last: tuple[float, float, float]) -> Array:

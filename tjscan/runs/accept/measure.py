@@ -11,6 +11,7 @@ from itertools import product
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.wizard import PlannedPosture, PosturePlan, plan_postures
 from tjscan.calibration.targets.ball import fit_circle
@@ -45,6 +46,9 @@ RETURN_BESIDE_MIDDLE: Final = 0.6
 
 RANGE_MARGIN: Final = 5e-3
 """Metres that the ball keeps from the ends of the laser's range."""
+
+LEANS_FROM_ABOVE: Final = (0, 15, 30, 45)
+"""Degrees from straight above, of views that the arm may get to."""
 
 ARC_SHARE_IN_FAN: Final = 0.75
 """Of the radius on either side of the middle is within the laser's fan."""
@@ -120,23 +124,21 @@ class ArtefactViewer:
         plan = PosturePlan(centre_b, self.radius, *what, wanted - 1, 1)
         return plan_postures(plan, self.stated.kinematics)
 
-    def steepest_view(self, views: Iterable[PlannedPosture], centre_b: Array) -> Array:
+    def steepest_view(self, centre_b: Array) -> Array:
         """Orientation of the sensor, shape (3, 3), from which the arm gets to all window places.
 
         The steepest from above: the ball's stand is below.
 
         Raises
         ------
-        CalibrationRefused
+        AcceptanceRefused
             If it does from none.
         """
         reason = ""
-        each = [(view.T_b_f @ self.cell.T_f_s)[:3, :3] for view in views]
-        for R in sorted(each, key=lambda R: float(R[2, 2])):
+        for R in _views_from_above():
             places = self.flange_poses(R, centre_b, self.window_places())
-            back = self._drawn_back(places[0])
             try:
-                self.cell.arm.check_moves(places[0], back, *places)
+                self.cell.arm.check_moves(places[0], self._drawn_back(places[0]), *places)
             except PoseUnreachable as error:
                 reason = str(error)
             else:
@@ -268,7 +270,13 @@ class ArtefactViewer:
         question = "Move back at the job's speed, and stop on the way?"
         if not self.operator.confirm(Question(question, True, moves=True, T_b_f=back)):
             return [], 0
-        return _stop_half_way(self.cell.arm, back)
+        states, ordered = stop_half_way(self.cell.arm, back)
+        if not states:
+            self.operator.report(
+                "the stopping distance is not measured: the move ended before the arm was stopped "
+                "(a simulated arm's moves take their time with simulation.arm.realtime)"
+            )
+        return states, ordered
 
     def _drawn_back(self, T_b_f: Array) -> Array:
         T = np.array(T_b_f)
@@ -276,7 +284,15 @@ class ArtefactViewer:
         return T
 
 
-def _stop_half_way(arm: Arm, T_b_f: Array) -> tuple[list[ArmState], int]:
+def _views_from_above() -> Iterator[Array]:
+    """Orientations of the sensor in b, the steepest first."""
+    for lean, azimuth, yaw in product(LEANS_FROM_ABOVE, range(0, 360, 90), range(0, 360, 45)):
+        turns = Rotation.from_euler("ZYZ", (azimuth, 180 - lean, yaw), degrees=True)
+        yield np.asarray(turns.as_matrix())
+
+
+def stop_half_way(arm: Arm, T_b_f: Array) -> tuple[list[ArmState], int]:
+    """Move on a line and stop half-way; see `ArtefactViewer.stop_on_the_way`."""
     states, ended = [arm.state()], threading.Event()
 
     def move() -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from itertools import islice
@@ -24,13 +23,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
-from tjscan.job.cell import (
-    Cell,
-    SensorMount,
-    make_cell,
-    motion_limits_of_job,
-    sensor_mount_of_job,
-)
+from tjscan.job.cell import SensorMount, make_cell, motion_limits_of_job, sensor_mount_of_job
 from tjscan.job.files import AcceptanceJob
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
@@ -194,7 +187,7 @@ def accept_cell(
     recording = RecordingWriter(directory / ACCEPTANCE_RECORDING, CALIBRATION_TOPICS)
     with lock_and_clean_directory(directory), recording, cell:
         viewer = ArtefactViewer(cell, stated, job.artefact.radius, operator, recording)
-        measured = _Measurements.take(job, viewer, lambda: _cell_in_real_time(job, mount, cell))
+        measured = Measured.take(job, viewer)
         devices = {"arm": str(cell.arm.identity), "laser": str(cell.laser.identity)}
     arm, laser = _device_ids(job)
     head = Provenance.for_file_written_now(job_label_of_run(directory), "b")
@@ -225,18 +218,6 @@ def _scene_of_job(job: AcceptanceJob) -> SimulatedScene:
     return SimulatedScene(RaycastSurface(whole.vertices, whole.faces), np.eye(4))
 
 
-def _cell_in_real_time(
-    job: AcceptanceJob, mount: SensorMount, cell: Cell
-) -> AbstractContextManager[Cell]:
-    """The cell; of a simulated arm, whose moves take no time, one whose moves do."""
-    simulation = job.simulation
-    if job.arm.driver_kind is not DriverKind.SIMULATED or simulation is None or not simulation.arm:
-        return nullcontext(cell)
-    world = simulation.model_copy(update={"arm": replace(simulation.arm, realtime=True)})
-    slow = job.model_copy(update={"simulation": world})
-    return make_cell(slow, mount, lambda: _scene_of_job(job), left=cell.arm.state())
-
-
 def _errors_of_job(job: AcceptanceJob, mount: SensorMount, kinematics: Kinematics) -> StatedErrors:
     covariance, uncertainty = np.asarray(mount.covariance), job.laser.uncertainty
     if mount.deviations is None:
@@ -262,7 +243,7 @@ def _joint_sigmas(kinematics: Kinematics, absolute: float | None) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Measurements:
+class Measured:
     """What an acceptance measured."""
 
     grid: BallLooks
@@ -273,24 +254,17 @@ class _Measurements:
     clocks: list[tuple[float, float, float]]
 
     @classmethod
-    def take(
-        cls,
-        job: AcceptanceJob,
-        viewer: ArtefactViewer,
-        real_time: Callable[[], AbstractContextManager[Cell]],
-    ) -> _Measurements:
+    def take(cls, job: AcceptanceJob, viewer: ArtefactViewer) -> Measured:
         """Find the ball, and measure everything at it."""
         settings, R, stated = job.accept, viewer.radius, viewer.stated
         centre = np.array(job.ball.position)
-        views = viewer.plan_views(centre, settings.postures)
-        turn = viewer.steepest_view(views, centre)
+        turn = viewer.steepest_view(centre)
         first = viewer.flange_poses(turn, centre, islice(viewer.window_places(), 2))
         viewer.begin(first[0])
         seen = [viewer.look_from_each("first look", first)]
         centre = BallLooks.of_profiles(seen, stated, np.append(centre, R), 2).solved().target[:3]
         moved = centre - job.ball.position
         views = viewer.plan_views(centre, settings.postures)
-        turn = viewer.steepest_view(views, centre)
         places = list(viewer.window_places())
         poses = viewer.flange_poses(turn, centre, places)
         aside = np.array((0.0, RETURN_BESIDE_MIDDLE * R, places[0][2]))
@@ -298,8 +272,7 @@ class _Measurements:
 
         viewer.begin(poses[0])
         clocks = viewer.lay_clock(motion_limits_of_job(job))
-        with real_time() as cell:
-            stop = replace(viewer, cell=cell).stop_on_the_way(poses[0])
+        stop = viewer.stop_on_the_way(poses[0])
         returns = viewer.return_to(for_returns, settings.returns)
         grid = viewer.look_from_each("window", poses)
         second = []
@@ -357,9 +330,10 @@ class _Measurements:
             yield _row_mm("stopping", what, (found, sigma, limit), source)
         if len(self.clocks) > 1:
             drift, sigma = judge.clock_drift(self.clocks[0], self.clocks[-1])
+            span = self.clocks[-1][0] - self.clocks[0][0]
             yield AcceptanceRow(
                 key="clock",
-                what=f"drift of the laser's clock, in {self.clocks[-1][0] - self.clocks[0][0]:.0f} s",
+                what=f"drift of the laser's clock against the arm's, in {span:.0f} s",
                 unit="ppm",
                 measured=1e6 * drift,
                 sigma=1e6 * sigma,
