@@ -116,6 +116,7 @@ def test_the_same_again_shows_drift_in_sigmas_and_who_measured(
         (("--artefact.date", "2030-01-01"), "in the future"),
         (("--artefact.valid-until", "2026-01-13"), "expired"),
         (("--artefact.kind", "ball bar"), "second_mm"),
+        (("--artefact.radius-mm", "60"), "a diameter"),
         (("--artefact.radius-expanded-mm", "0"), "artefact.radius_expanded_mm"),
         (("--calibration", "x"), "unknown option"),
         (("--arm.driver", "replay"), "arm.driver"),
@@ -179,8 +180,8 @@ def test_a_row_fails_where_it_is_proven_to_be_beyond_its_limit() -> None:
 def test_a_stopping_distance_is_that_of_the_braking() -> None:
     speed, braking, period = 0.25, 1.2, 0.002
     times = np.arange(0.0, 1.0, period)
-    brake = np.clip(times - 0.4 - 0.5 * period, 0.0, speed / braking)
-    x = speed * np.minimum(times, 0.4 + 0.5 * period) + speed * brake - 0.5 * braking * brake**2
+    brake = np.clip(times - 0.4, 0.0, speed / braking)
+    x = speed * np.minimum(times, 0.4) + speed * brake - 0.5 * braking * brake**2
     states = [
         ArmState(np.zeros(6), pose(p=(a, 0.0, 0.0)), t) for a, t in zip(x, times, strict=True)
     ]

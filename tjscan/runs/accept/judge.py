@@ -389,7 +389,7 @@ def ball_in_sensor(T_b_f: Array, T_f_s: Array, centre_b: Array) -> Array:
 def stopping(states: Sequence[ArmState], ordered: int) -> tuple[float, float, float]:
     """How far an arm went on after a stop was ordered.
 
-    The stop was ordered between two states: half of the way between them counts.
+    All of the way since the last state before counts: a driver may be silent while it stops.
 
     Parameters
     ----------
@@ -401,8 +401,8 @@ def stopping(states: Sequence[ArmState], ordered: int) -> tuple[float, float, fl
     Returns
     -------
     distance, sigma, speed : float
-        Of the flange: metres, its standard uncertainty by the time between the two states, and
-        metres per second when the stop was ordered.
+        Of the flange: metres, its standard uncertainty by the time between two states, and metres
+        per second when the stop was ordered.
     """
     times = np.array([state.time for state in states])
     places = np.array([state.T_b_f[:3, 3] for state in states])
@@ -410,8 +410,11 @@ def stopping(states: Sequence[ArmState], ordered: int) -> tuple[float, float, fl
     before = int(np.searchsorted(times, times[ordered] - SPEED_SPAN))
     seconds = times[ordered] - times[before]
     speed = float(steps[before:ordered].sum() / seconds) if seconds > 0 else 0.0
-    between = float(steps[ordered])
-    return float(steps[ordered:].sum()) - 0.5 * between, between / np.sqrt(12), speed
+    gaps = np.diff(times[: ordered + 1])
+    sigma = (
+        speed * float(gaps.max(initial=0.0, where=times[:ordered] >= times[before])) / np.sqrt(12)
+    )
+    return float(steps[ordered:].sum()), sigma, speed
 
 
 def clock_drift(first: tuple[float, float, float], last: tuple[float, float, float]) -> Array:

@@ -48,6 +48,9 @@ REACTION_TIME: Final = 0.1
 POSTURES_OF_RMS: Final = 100
 """Drawn postures over which an arm's stated error is the root mean square."""
 
+LARGEST_RADIUS_GAP: Final = 1e-3
+"""Metres between the certified radius and the one that places the ball."""
+
 LOOKS_AT_SECOND: Final = 3
 """On either side of the second ball of a bar."""
 
@@ -175,6 +178,9 @@ def accept_cell(
         raise ConfigurationError("an acceptance moves the arm: nothing replayed", key="arm.driver")
     if not operator.present and kinds != {DriverKind.SIMULATED}:
         raise ConfigurationError("a real arm moves only while a person watches: not unattended")
+    if abs(job.ball.radius - job.artefact.radius) > LARGEST_RADIUS_GAP:
+        reason = f"is {MM * (job.artefact.radius - job.ball.radius):+.1f} mm beside ball.radius_mm"
+        raise ConfigurationError(f"{reason}: a diameter?", key="artefact.radius_mm")
     if mount.covariance is None:
         raise ConfigurationError(
             "an acceptance holds the calibration against its certainty, which is not stated: name "
@@ -367,8 +373,8 @@ class Measured:
         if table.fixed:
             sigmas = looks.centre_sigmas()
             for axis, at, sigma in zip("xyz", looks.target, sigmas, strict=False):
-                numbers = float(at), float(sigma), None
-                yield _row_mm(f"place {axis}", f"{axis} of the ball's centre in b", numbers, "")
+                what = f"{axis} of the ball's centre in b"
+                yield _row_mm(f"place {axis}", what, (float(at), float(sigma), None), "")
 
 
 def _beside(job: AcceptanceJob) -> Array:
