@@ -139,7 +139,7 @@ Expanded = Annotated[float, Gt(0), Le(10), units.MM]
 """Its expanded uncertainty, metres."""
 
 Day = Annotated[date, Field(strict=False)]
-"""A date, without quotes in a file."""
+"""A date, such as 2026-01-12."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
