@@ -57,17 +57,12 @@ def accept(
         earlier = None if against is None else read_earlier_acceptance(against, parsed)
         operator = PrintOnlyOperator() if unattended else TerminalOperator()
         found = accept_cell(parsed, job, directory, operator, earlier)
-    head = ("", "measured", "±", "should be", "limit", "drift σ", "")
+    head = ("", "measured", "±", "should be", "limit", "drift σ", "", "limit from")
     print_figures_table(head, [_cells(row) for row in found.rows])
     for row in found.rows:
-        if not row.passes:
-            print_message(
-                f"{row.key}: {row.what} is beyond its limit by more than three standard "
-                f"uncertainties; the limit is from: {row.source}"
-            )
         if row.has_drifted:
             print_message(f"{row.key}: {row.what} has drifted since {found.against}")
-    print_message(f"{'accepted' if found.passes else 'not accepted'}; the record is in {directory}")
+    print_message(f"{'accepted' if found.passes else 'NOT accepted'}; the record is in {directory}")
     if json:
         print_json(found)
     if not found.passes:
@@ -76,13 +71,9 @@ def accept(
 
 def _cells(row: AcceptanceRow) -> tuple[str, ...]:
     """A row's cells; what is only compared has neither nominal nor limit."""
-    judged = row.limit is not None
-    return (
-        row.what,
-        f"{row.measured:.3f} {row.unit}",
-        f"{row.sigma:.3f}",
-        f"{row.nominal:.3f}" if judged else "",
-        "" if row.limit is None else f"{row.limit:.3f}",
-        "" if row.drift is None else f"{row.drift:+.1f}",
-        "" if not judged else "passes" if row.passes else "FAILS",
-    )
+    cells = row.what, f"{row.measured:.3f} {row.unit}", f"{row.sigma:.3f}"
+    drift = "" if row.drift is None else f"{row.drift:+.1f}"
+    if row.limit is None:
+        return (*cells, "", "", drift, "", "")
+    passes = "passes" if row.passes else "FAILS"
+    return (*cells, f"{row.nominal:.3f}", f"{row.limit:.3f}", drift, passes, row.source)

@@ -168,9 +168,7 @@ def test_nothing_moves_without_consent(tmp_path: Path) -> None:
 
 
 def test_a_row_fails_where_it_is_proven_to_be_beyond_its_limit() -> None:
-    row = AcceptanceRow(
-        key="", what="", unit="mm", measured=1.0, sigma=0.1, limit=0.5, source="", nominal=0.3
-    )
+    row = AcceptanceRow("", "", "mm", 1.0, 0.1, 0.5, "", 0.3)
     assert row.passes  # 0.2 beyond, which is two standard uncertainties
     assert not replace(row, sigma=0.05).passes
     assert replace(row, sigma=0.05, limit=None).passes

@@ -53,7 +53,10 @@ SOLVE_ROUNDS: Final = 4
 """Of Gauss and Newton, from a place that is known to a centimetre."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+Lengths = tuple[float, float, float | None]
+
+
+@dataclass(frozen=True, slots=True)
 class AcceptanceRow:
     """Something that was measured in an acceptance, and what it may be.
 
@@ -84,6 +87,15 @@ class AcceptanceRow:
     source: str
     nominal: float = 0.0
     drift: float | None = None
+
+    @classmethod
+    def of_length(
+        cls, key: str, what: str, numbers: Lengths, source: str, nominal: float = 0.0
+    ) -> AcceptanceRow:
+        """Row of a length, its standard uncertainty and its limit, all in metres."""
+        measured, sigma, limit = numbers
+        limit = None if limit is None else 1e3 * limit
+        return cls(key, what, "mm", 1e3 * measured, 1e3 * sigma, limit, source, 1e3 * nominal)
 
     @property
     def passes(self) -> bool:

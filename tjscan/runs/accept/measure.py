@@ -53,7 +53,7 @@ LEANS_FROM_ABOVE: Final = (0, 15, 30, 45)
 ARC_SHARE_IN_FAN: Final = 0.75
 """Of the radius on either side of the middle is within the laser's fan."""
 
-RETREAT: Final = 0.15
+RETREAT_DISTANCE: Final = 0.15
 """Metres by which the sensor is drawn back between returns, and before a stop."""
 
 STATE_PAUSE: Final = 0.002
@@ -170,7 +170,7 @@ class ArtefactViewer:
 
         Raises
         ------
-        CalibrationRefused
+        AcceptanceRefused
             If the operator does not agree.
         """
         question = Question("Move the sensor over the ball?", True, moves=True, T_b_f=T_b_f)
@@ -280,7 +280,7 @@ class ArtefactViewer:
 
     def _drawn_back(self, T_b_f: Array) -> Array:
         T = np.array(T_b_f)
-        T[:3, 3] -= RETREAT * (T_b_f @ self.cell.T_f_s)[:3, 2]
+        T[:3, 3] -= RETREAT_DISTANCE * (T_b_f @ self.cell.T_f_s)[:3, 2]
         return T
 
 
@@ -307,7 +307,8 @@ def stop_half_way(arm: Arm, T_b_f: Array) -> tuple[list[ArmState], int]:
         while not ended.is_set() and np.linalg.norm(states[-1].T_b_f[:3, 3] - start) < half:
             time.sleep(STATE_PAUSE)
             states.append(arm.state())
-        late, ordered, stopped = ended.is_set(), len(states) - 1, time.monotonic()
+        there = np.linalg.norm(states[-1].T_b_f[:3, 3] - T_b_f[:3, 3]) < REST_DISTANCE
+        late, ordered, stopped = there or ended.is_set(), len(states) - 1, time.monotonic()
     finally:
         arm.stop()
     while not _rests(states) and time.monotonic() - stopped < STOP_TIMEOUT:

@@ -54,10 +54,8 @@ LARGEST_RADIUS_GAP: Final = 1e-3
 LOOKS_AT_SECOND: Final = 3
 """On either side of the second ball of a bar."""
 
-MM: Final = 1e3
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Acceptance:
     """The record of an acceptance.
 
@@ -179,7 +177,7 @@ def accept_cell(
     if not operator.present and kinds != {DriverKind.SIMULATED}:
         raise ConfigurationError("a real arm moves only while a person watches: not unattended")
     if abs(job.ball.radius - job.artefact.radius) > LARGEST_RADIUS_GAP:
-        reason = f"is {MM * (job.artefact.radius - job.ball.radius):+.1f} mm beside ball.radius_mm"
+        reason = f"is {1e3 * (job.artefact.radius - job.ball.radius):+.1f} mm beside ball.radius_mm"
         raise ConfigurationError(f"{reason}: a diameter?", key="artefact.radius_mm")
     if mount.covariance is None:
         raise ConfigurationError(
@@ -195,18 +193,9 @@ def accept_cell(
         viewer = ArtefactViewer(cell, stated, job.artefact.radius, operator, recording)
         measured = Measured.take(job, viewer)
         devices = {"arm": str(cell.arm.identity), "laser": str(cell.laser.identity)}
-    arm, laser = _device_ids(job)
     head = Provenance.for_file_written_now(job_label_of_run(directory), "b")
-    found = Acceptance(
-        program=head.program,
-        job=head.job,
-        date=began,
-        arm=arm,
-        laser=laser,
-        devices=devices,
-        artefact=table_to_dict(job.artefact),
-        rows=tuple(measured.rows(job, stated)),
-    )
+    what = table_to_dict(job.artefact), tuple(measured.rows(job, stated))
+    found = Acceptance(head.program, head.job, began, *_device_ids(job), devices, *what)
     found = found if earlier is None else found.compared_with(earlier)
     with write_files_atomically(directory, listed=True) as draft:
         text = TypeAdapter(Acceptance).dump_json(found, indent=2)
@@ -298,30 +287,26 @@ class Measured:
         yield from self._rows_of_motion(job)
         least, target = judge.FEWEST_LOOKS, self.grid.target
         returns = BallLooks.of_profiles([self.returns], stated, target, least)
-        found, sigma, expected = returns.repeatability()
         _, evidence = job.arm.uncertainty.stated_repeatability
-        yield _row_mm(
-            "repeatability",
-            f"pose repeatability RP, n = {returns.count} (ISO 9283)",
-            (found, sigma, expected),
-            f"arm.uncertainty.repeatability_mm ({evidence}) and the laser's noise",
-        )
-        times = max(1.0, found / expected)
+        what = f"pose repeatability RP, n = {returns.count} (ISO 9283)"
+        source = f"arm.uncertainty.repeatability_mm ({evidence}) and the laser's noise"
+        numbers = returns.repeatability()
+        yield AcceptanceRow.of_length("repeatability", what, numbers, source)
+        times = max(1.0, numbers[0] / numbers[2])
         noise = stated.noise
         noise = replace(noise, position=times * noise.position, rotation=times * noise.rotation)
         stated = replace(stated, noise=noise)
         limit, evidence = job.laser.uncertainty.stated_linearity
         found, sigma = self.grid.solved(stated).linearity()
-        yield _row_mm(
-            "linearity",
-            "largest deviation of the laser in its window",
-            (found, sigma, limit),
-            f"laser.uncertainty.linearity_mm ({evidence})",
-        )
+        what = "largest deviation of the laser in its window"
+        source = f"laser.uncertainty.linearity_mm ({evidence})"
+        yield AcceptanceRow.of_length("linearity", what, (found, sigma, limit), source)
         # What was found of the laser and of returns is no fault of what follows.
         stated = replace(stated, linearity=max(found, limit))
         points = (*self.grid.noise(), job.ball.noise.range)
-        yield _row_mm("noise", "noise of a point in range", points, "ball.noise.range_mm")
+        yield AcceptanceRow.of_length(
+            "noise", "noise of a point in range", points, "ball.noise.range_mm"
+        )
         yield from self._rows_of_artefact(job, stated)
 
     def _rows_of_motion(self, job: AcceptanceJob) -> Iterator[AcceptanceRow]:
@@ -332,72 +317,44 @@ class Measured:
             if limit is None:
                 limit = speed**2 / (2 * job.arm.acceleration) + REACTION_TIME * speed
                 source = f"arm.acceleration_mm_s2, and {REACTION_TIME:g} s until it brakes"
-            what = f"stopping distance from {MM * speed:.0f} mm/s"
-            yield _row_mm("stopping", what, (found, sigma, limit), source)
+            what = f"stopping distance from {1e3 * speed:.0f} mm/s"
+            yield AcceptanceRow.of_length("stopping", what, (found, sigma, limit), source)
         if len(self.clocks) > 1:
             drift, sigma = judge.clock_drift(self.clocks[0], self.clocks[-1])
             span = self.clocks[-1][0] - self.clocks[0][0]
-            yield AcceptanceRow(
-                key="clock",
-                what=f"drift of the laser's clock against the arm's, in {span:.0f} s",
-                unit="ppm",
-                measured=1e6 * drift,
-                sigma=1e6 * sigma,
-                limit=1e6 * job.accept.clock_drift,
-                source="accept.clock_drift_ppm",
-            )
+            what = f"drift of the laser's clock against the arm's, in {span:.0f} s"
+            of = 1e6 * drift, 1e6 * sigma, 1e6 * job.accept.clock_drift, "accept.clock_drift_ppm"
+            yield AcceptanceRow("clock", what, "ppm", *of)
 
     def _rows_of_artefact(
         self, job: AcceptanceJob, stated: StatedErrors
     ) -> Iterator[AcceptanceRow]:
         table, least, grid = job.artefact, judge.FEWEST_LOOKS, self.grid.solved(stated)
         looks = BallLooks.of_profiles([self.postures], stated, grid.target, least).solved()
-        found, sigma, expected = looks.scatter()
-        yield _row_mm(
-            "calibration",
-            f"scatter of the ball's centre from {looks.count} postures, RMS",
-            (found, sigma, expected),
-            "calibration, arm.uncertainty, laser.uncertainty",
-        )
+        what = f"scatter of the ball's centre from {looks.count} postures, RMS"
+        source = "calibration, arm.uncertainty, laser.uncertainty"
+        yield AcceptanceRow.of_length("calibration", what, looks.scatter(), source)
         found, sigma = float(grid.target[3]), float(np.sqrt(grid.estimate()[1][3, 3]))
         of = f"certificate {table.certificate}"
         numbers = found, sigma, table.radius_expanded
-        yield _row_mm("radius", "radius of the ball", numbers, of, table.radius)
+        yield AcceptanceRow.of_length("radius", "radius of the ball", numbers, of, table.radius)
         if table.distance is not None and table.distance_expanded is not None:
             both = [self.grid.profiles[0], self.second]
             start = np.append(grid.target, (*np.add(grid.target[:3], _beside(job)), table.radius))
             bar = BallLooks.of_profiles(both, stated, start, 2).solved()
-            found, sigma = bar.distance()
-            numbers = found, sigma, table.distance_expanded
-            yield _row_mm("distance", "distance of the balls", numbers, of, table.distance)
+            numbers = (*bar.distance(), table.distance_expanded)
+            yield AcceptanceRow.of_length(
+                "distance", "distance of the balls", numbers, of, table.distance
+            )
         if table.fixed:
             sigmas = looks.centre_sigmas()
             for axis, at, sigma in zip("xyz", looks.target, sigmas, strict=False):
                 what = f"{axis} of the ball's centre in b"
-                yield _row_mm(f"place {axis}", what, (float(at), float(sigma), None), "")
+                yield AcceptanceRow.of_length(
+                    f"place {axis}", what, (float(at), float(sigma), None), ""
+                )
 
 
 def _beside(job: AcceptanceJob) -> Array:
     """From the ball to the second one of a bar, about, shape (3,), metres."""
     return np.subtract(job.artefact.second or job.ball.position, job.ball.position)
-
-
-def _row_mm(
-    key: str,
-    what: str,
-    numbers: tuple[float, float, float | None],
-    source: str,
-    nominal: float = 0.0,
-) -> AcceptanceRow:
-    """Row of a length, its sigma and its limit in metres."""
-    measured, sigma, limit = numbers
-    return AcceptanceRow(
-        key=key,
-        what=what,
-        unit="mm",
-        measured=MM * measured,
-        sigma=MM * sigma,
-        limit=None if limit is None else MM * limit,
-        source=source,
-        nominal=MM * nominal,
-    )
