@@ -32,7 +32,7 @@ class _TjscanApp(App):
 
 HELP_GROUPS: Final = {
     "Begin": ("init", "joint", "place", "schema"),
-    "Set up a cell": ("calibrate", "doctor", "laser", "teach"),
+    "Set up a cell": ("accept", "calibrate", "doctor", "laser", "teach"),
     "Scan": ("scan", "reprocess", "stitch"),
     "See and use what was scanned": ("compare", "export", "groove", "report", "view"),
     "Weld": ("plan", "weld", "inspect"),
@@ -73,6 +73,7 @@ COMMAND_GROUPS: Final = (
     (app, "scan", ("scan", "teach", "doctor", "laser", "reprocess", "stitch")),
     (app, "place", ("place",)),
     (app, "calibrate", ("calibrate",)),
+    (app, "accept", ("accept",)),
     (app, "results", ("groove", "compare", "export", "report", "view")),
     (app, "plan", ("plan",)),
     (app, "weld", ("inspect",)),

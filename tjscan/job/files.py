@@ -36,6 +36,8 @@ class CellJob(StrictFileModel):
     calibration: CalibrationSettings
     board: surroundings.BoardSettings | None = None
     ball: surroundings.BallSettings | None = None
+    artefact: surroundings.ArtefactSettings | None = None
+    accept: surroundings.AcceptanceSettings = surroundings.AcceptanceSettings()
     joint: surroundings.JointSettings | None = None
     station: Annotated[
         tuple[surroundings.StationSettings, ...], MaxLen(50), LIST_OR_WORD_IN_FILE
@@ -244,6 +246,15 @@ class CalibrationJob(CellJob):
     groove: GrooveSettings | None = None
 
 
+class AcceptanceJob(CellJob):
+    """A job file of a cell with an artefact; it may have a [scan] table too."""
+
+    ball: surroundings.BallSettings
+    artefact: surroundings.ArtefactSettings
+    scan: ScanPlan | None = None
+    groove: GrooveSettings | None = None
+
+
 class RecordedJob(StrictFileModel):
     """A job file of a calibration from recorded profiles: nothing moves."""
 
@@ -254,7 +265,7 @@ class RecordedJob(StrictFileModel):
     noise: NoiseModel = NoiseModel()
 
 
-J = TypeVar("J", bound=ScanJob | CalibrationJob | RecordedJob)
+J = TypeVar("J", bound=ScanJob | CalibrationJob | AcceptanceJob | RecordedJob)
 
 
 def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
@@ -265,6 +276,11 @@ def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJo
 def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
     """Read the job of a calibration, with single keys replaced; see `read_job`."""
     return read_located_job(CalibrationJob, file, overrides)
+
+
+def read_acceptance_job(file: Path, overrides: dict[str, Any] | None = None) -> AcceptanceJob:
+    """Read the job of an acceptance, with single keys replaced; see `read_job`."""
+    return read_located_job(AcceptanceJob, file, overrides)
 
 
 def read_recorded_job(file: Path, overrides: dict[str, Any] | None = None) -> RecordedJob:
