@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar, cast
+from typing import Annotated, Any, Final, Self, TypeVar, cast
 
 import numpy as np
 from annotated_types import MaxLen, MinLen
@@ -23,6 +23,9 @@ from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.reading import casefolded_name, read_job, replace_keys
 from tjscan.laser.model import LaserModel
 from tjscan.scanning.plan import ScanPlan
+
+LEAST_FLANGE_DISTANCE: Final = 0.01
+"""Metres of a taught flange from the base frame's origin, along one axis at least."""
 
 
 class CellJob(StrictFileModel):
@@ -191,6 +194,18 @@ class ScanJob(CellJob):
                 'a continuous scan (mode = "continuous") has a section every section_mm: say how '
                 "far it shall go with length_mm",
             )
+        tables = {"scan": self.scan} | {f"station.{i}": one for i, one in enumerate(self.station)}
+        for name, table in tables.items():
+            for which in ("first", "second"):
+                start = getattr(table, which)
+                if start is not None and 0 < max(map(abs, start.position)) < LEAST_FLANGE_DISTANCE:
+                    found = [float(f"{1e3 * value:.6g}") for value in start.position]
+                    meant = [float(f"{1e6 * value:.6g}") for value in start.position]
+                    yield (
+                        f"{name}.{which}.position_mm",
+                        f"no flange is in the middle of its base; {found} looks like metres: "
+                        f"write {meant}",
+                    )
         for which in ("first", "second"):
             taught = getattr(self.scan, which) is not None
             if taught == bool(self.station):

@@ -97,6 +97,7 @@ class BoardSettings(units.PoseSettings):
     noise: NoiseModel = field(default_factory=NoiseModel)
 
     def __post_init__(self) -> None:
+        units.PoseSettings.__post_init__(self)
         if min(self.size) < SMALLEST_BOARD_SIZE:
             raise ValueError(f"size_mm: a board is {1e3 * SMALLEST_BOARD_SIZE:g} mm wide or wider")
 
@@ -263,7 +264,7 @@ class StationSettings(StationPoseSettings):
     """
 
     direction: Annotated[ScanDirection, units.LIST_OR_WORD_IN_FILE] | None = None
-    length: Annotated[float | None, Gt(0), units.MM] = None
+    length: Annotated[float | None, Ge(5), units.MM] = None
     sections: Annotated[int | None, Ge(3)] = None
     first: units.PoseSettings
     second: units.PoseSettings
