@@ -141,5 +141,5 @@ def test_a_plan_that_would_write_outside_of_its_folder_is_refused(
     with pytest.raises(ConfigurationError, match="outside of its folder"):
         read_plan(kept)
     kept.write_text(json.dumps({"study": {}, "runs": []}), encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="begin the study anew"):
+    with pytest.raises(ConfigurationError, match="begin the study again"):
         read_plan(kept)

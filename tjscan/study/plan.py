@@ -209,7 +209,7 @@ def read_plan(file: Path) -> StudyPlan:
     except OSError:
         raise ConfigurationError("there is no study", file=file.parent) from None
     except ValidationError:
-        reason = "is no plan of a study, or one of an older tjscan: begin the study anew"
+        reason = "is no plan of a study, or one of an older tjscan: begin the study again"
         raise ConfigurationError(reason, file=file) from None
     except (ConfigurationError, RecursionError) as error:
         raise ConfigurationError(f"is no plan of a study: {error}", file=file) from None

@@ -93,7 +93,7 @@ class Acceptance:
         return all(row.passes and not row.has_drifted for row in self.rows)
 
     def compared_with(self, earlier: Acceptance) -> Acceptance:
-        """The same with drifts of what both measured; an artefact certified anew was away."""
+        """The same with drifts of what both measured; an artefact certified again was away."""
         stayed = self.artefact["certificate"] == earlier.artefact.get("certificate")
         before = {row.key: row for row in earlier.rows if stayed or row.limit is not None}
         rows = [
