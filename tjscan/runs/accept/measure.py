@@ -138,7 +138,7 @@ class ArtefactViewer:
         for R in _views_from_above():
             places = self.flange_poses(R, centre_b, self.window_places())
             try:
-                self.cell.arm.check_moves(places[0], self._drawn_back(places[0]), *places)
+                self.cell.arm.check_moves(self._drawn_back(places[0]), *places)
             except PoseUnreachable as error:
                 reason = str(error)
             else:
@@ -166,17 +166,18 @@ class ArtefactViewer:
         return shot
 
     def begin(self, T_b_f: Array) -> None:
-        """Move to a first pose in joint space.
+        """Move in joint space to where the sensor is drawn back from a pose.
 
         Raises
         ------
         AcceptanceRefused
             If the operator does not agree.
         """
-        question = Question("Move the sensor over the ball?", True, moves=True, T_b_f=T_b_f)
+        back = self._drawn_back(T_b_f)
+        question = Question("Move the sensor over the ball?", True, moves=True, T_b_f=back)
         if not self.operator.confirm(question):
             raise AcceptanceRefused("not begun", "the sensor has to be over the ball")
-        self.cell.arm.move_joint_to_pose(T_b_f)
+        self.cell.arm.move_joint_to_pose(back)
 
     def look_from_each(self, what: str, T_b_f: Iterable[Array]) -> list[PosedProfile]:
         """Look at the ball from flange poses, one after the other on straight lines."""

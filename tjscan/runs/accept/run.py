@@ -267,7 +267,7 @@ class Measured:
         aside = np.array((0.0, RETURN_BESIDE_MIDDLE * R, places[0][2]))
         (for_returns,) = viewer.flange_poses(turn, centre, [aside])
 
-        viewer.begin(poses[0])
+        viewer.look("the middle", poses[0])
         clocks = viewer.lay_clock(motion_limits_of_job(job))
         stop = viewer.stop_on_the_way(poses[0])
         returns = viewer.return_to(for_returns, settings.returns)
@@ -279,6 +279,7 @@ class Measured:
             viewer.begin(poses[0])
         postures = viewer.look_from_postures(views, settings.postures)
         viewer.begin(poses[0])
+        viewer.look("the middle", poses[0])
         clocks += viewer.lay_clock(motion_limits_of_job(job))
         start = np.append(centre, R)
         looks = BallLooks.of_profiles([grid], stated, start, judge.FEWEST_LOOKS).solved()
