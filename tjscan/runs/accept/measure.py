@@ -228,8 +228,7 @@ class ArtefactViewer:
         except ConfigurationError:
             self.operator.report("the clocks are not compared: no stamps while the arm moves")
             return []
-        question = Question("Move the laser 4 mm to and fro across the ball?", True, moves=True)
-        if not self.operator.confirm(question):
+        if not self.operator.confirm(Question("Move 4 mm to and fro?", True, moves=True)):
             return []
         kinematics = self.stated.kinematics
         poses, start = ActualPoses(kinematics), self.cell.arm.state()
@@ -323,7 +322,5 @@ def stop_half_way(arm: Arm, T_b_f: Array) -> tuple[list[ArmState], int]:
 def _rests(states: list[ArmState]) -> bool:
     """Whether the flange stayed where it is in the last states."""
     before = states[-min(len(states), STATES_AT_REST)].T_b_f
-    return bool(
-        len(states) > STATES_AT_REST
-        and np.linalg.norm(states[-1].T_b_f[:3, 3] - before[:3, 3]) < REST_DISTANCE
-    )
+    moved = float(np.linalg.norm(states[-1].T_b_f[:3, 3] - before[:3, 3]))
+    return len(states) > STATES_AT_REST and moved < REST_DISTANCE
