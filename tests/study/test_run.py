@@ -105,8 +105,9 @@ def test_an_interrupted_study_goes_on_to_the_same_table(
     # The machine lost power in the middle of a line.
     with (tmp_path / "s" / STUDY_ROWS_FILE).open("a") as file:
         # Lines that are rows in form alone are passed over, too.
-        for wrong in ({"index": "0"}, {"inputs": []}, {"wall_s": "long"}, {"code": None}):
-            file.write(json.dumps(json.loads(rows[0].to_json_line()) | wrong) + "\n")
+        for key, value in (("index", "0"), ("inputs", None), ("wall_s", "long"), ("code", 1)):
+            line = json.loads(rows[0].to_json_line()) | {key: value}
+            file.write(json.dumps(line) + "\n")
         file.write(rows[3].to_json_line()[:50])
     rest = Here()
     assert timeless(run_study(tmp_path / "s", rest, ignore, study_backend_of_task)) == rows
