@@ -15,7 +15,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_files_unaltered
-from tjscan.core.provenance import Provenance
+from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import (
     FIELD_BY_NAME,
@@ -55,7 +55,7 @@ AXES_TOLERANCE: Final = 1e-6
 
 def sections_to_csv(
     sections: Sequence[MeasuredSection],
-    provenance: Provenance,
+    unit: LengthUnit,
     fields: Iterable[SectionQuantity] = SECTION_FIELDS,
 ) -> str:
     """Convert sections to CSV text, a row per section; units are in the names of the columns.
@@ -64,14 +64,13 @@ def sections_to_csv(
     ----------
     sections : sequence of MeasuredSection
         In their order along the groove.
-    provenance : Provenance
-        Is above the table; its unit of length is the table's.
+    unit : str
+        Of lengths: mm or m.
     fields : iterable of SectionQuantity
         What to write of each section.
     """
-    fields, unit = tuple(fields), provenance.length
+    fields = tuple(fields)
     stream = io.StringIO()
-    stream.write(provenance.comment_lines(COMMENT_MARK))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([column for field in fields for column in field.column_names(unit)])
     parts = [field.formatted_columns(sections, unit) for field in fields]
@@ -83,9 +82,8 @@ def write_sections_csv(
     file: Path, sections: Sequence[MeasuredSection], provenance: Provenance
 ) -> None:
     """Write ``sections.csv``."""
-    file.write_text(
-        sections_to_csv(sections, provenance, SECTIONS_CSV_FIELDS), encoding="utf-8", newline=""
-    )
+    text = sections_to_csv(sections, provenance.length, SECTIONS_CSV_FIELDS)
+    provenance.write_table(file, text)
 
 
 def write_smoothed_csv(
@@ -102,23 +100,23 @@ def write_smoothed_csv(
     corners : ndarray, shape (n, 3, 3)
         p2, p3 and p4, metres; not a number where a corner is not seen.
     provenance : Provenance
-        Is above the table.
+        Is beside the table.
     """
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(provenance.comment_lines(COMMENT_MARK))
-        writer = csv.writer(stream, lineterminator="\n")
-        axes = [f"{corner}_{axis}_mm" for corner in ("p2", "p3", "p4") for axis in "xyz"]
-        writer.writerow(["section", *axes])
-        for section, row in zip(sections, 1e3 * corners.reshape(-1, 9), strict=True):
-            cells = ("" if np.isnan(value) else f"{value:.4f}" for value in row)
-            writer.writerow([section.index, *cells])
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    axes = [f"{corner}_{axis}_mm" for corner in ("p2", "p3", "p4") for axis in "xyz"]
+    writer.writerow(["section", *axes])
+    for section, row in zip(sections, 1e3 * corners.reshape(-1, 9), strict=True):
+        cells = ("" if np.isnan(value) else f"{value:.4f}" for value in row)
+        writer.writerow([section.index, *cells])
+    provenance.write_table(file, stream.getvalue())
 
 
 def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
     """Read ``sections.csv``: what was written, to the digits that were printed.
 
     Columns may be in another order, and others beside them. Lines that begin with ``#`` above
-    the table are passed over; a file of version 0.1.0 has none.
+    the table are passed over.
 
     Raises
     ------
