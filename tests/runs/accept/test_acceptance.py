@@ -65,6 +65,8 @@ def test_a_cell_that_is_as_stated_is_accepted_and_recorded(
     assert abs(measured["place x"].measured - 604.0) < 0.05
     record = json.loads((directory / "acceptance.json").read_text(encoding="utf-8"))
     assert record["artefact"]["certificate"] == "simulated-1"
+    assert record["passes"]
+    assert all(row["passes"] for row in record["rows"])
     assert (record["arm"], record["laser"]) == ("ur10e", "simulated")
     assert (directory / "accept.mcap").stat().st_size > 1e5
 

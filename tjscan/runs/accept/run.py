@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, date, datetime
 from itertools import islice
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 from pydantic import TypeAdapter
+from pydantic_core import to_json
 from scipy.linalg import block_diag
 
 from tjscan.calibration.targets.target import PosedProfile
@@ -198,8 +199,9 @@ def accept_cell(
     found = Acceptance(head.program, head.job, began, *_device_ids(job), devices, *what)
     found = found if earlier is None else found.compared_with(earlier)
     with write_files_atomically(directory, listed=True) as draft:
-        text = TypeAdapter(Acceptance).dump_json(found, indent=2)
-        (draft / ACCEPTANCE_FILE).write_bytes(text)
+        told = [asdict(row) | {"passes": row.passes} for row in found.rows]
+        record = asdict(found) | {"passes": found.passes, "rows": told}
+        (draft / ACCEPTANCE_FILE).write_bytes(to_json(record, indent=2))
     return found
 
 
