@@ -7,13 +7,14 @@ import io
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
@@ -237,11 +238,50 @@ PLY_SECTION_FIELDS: Final = (
 )
 
 
-def write_cloud_ply(file: Path, points: Array, provenance: Provenance) -> None:
-    """Write ``groove.ply``: points, shape (n, 3) in metres, as binary PLY in mm."""
-    properties = [("float", axis) for axis in "xyz"]
-    head = _ply_head("binary_little_endian", provenance, len(points), properties)
-    file.write_bytes(head + (1e3 * points).astype("<f4").tobytes())
+SIDE_COLOURS: Final = np.array(
+    ((90, 120, 190), (220, 140, 60), (200, 70, 70), (110, 160, 110)), dtype=np.uint8
+)
+"""Red, green and blue of wall, bevel, root and leg in ``groove.ply``."""
+
+
+@array_dataclass
+class GrooveCloud:
+    """Profile points of a groove, each with what it belongs to.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Metres.
+    normals : ndarray, shape (n, 3)
+        Of the side, towards the sensor.
+    sides : ndarray of int, shape (n,)
+        0 to 3: wall, bevel, root, leg.
+    """
+
+    points: Array
+    normals: Array
+    sides: NDArray[np.intp]
+
+    @classmethod
+    def joined(cls, clouds: Sequence[GrooveCloud]) -> Self:
+        """One cloud of several."""
+        parts = zip(*((one.points, one.normals, one.sides) for one in clouds), strict=True)
+        return cls(*map(np.concatenate, parts))
+
+
+def write_cloud_ply(file: Path, cloud: GrooveCloud, provenance: Provenance) -> None:
+    """Write ``groove.ply``: points in mm, normals, and the colour of the side, as binary PLY."""
+    kinds = (
+        ("float", "f4", ("x", "y", "z", "nx", "ny", "nz")),
+        ("uchar", "u1", ("red", "green", "blue")),
+    )
+    properties = [(kind, name) for kind, _, names in kinds for name in names]
+    rows = np.empty(len(cloud.points), [(n, f"<{code}") for _, code, names in kinds for n in names])
+    columns = np.hstack((1e3 * cloud.points, cloud.normals, SIDE_COLOURS[cloud.sides]))
+    for (_, name), column in zip(properties, columns.T, strict=True):
+        rows[name] = column
+    head = _ply_head("binary_little_endian", provenance, len(rows), properties)
+    file.write_bytes(head + rows.tobytes())
 
 
 def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance) -> bytes:
