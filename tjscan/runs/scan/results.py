@@ -19,7 +19,6 @@ from tjscan.core.frames import (
     JointOrBaseFrame,
     rotation_angle_between,
     transform_points,
-    unit_vector,
 )
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
@@ -122,20 +121,16 @@ def cloud_of_sections(sections: Sequence[ScannedSection], frame: JointOrBaseFram
 
 
 def _cloud_of_section(scan: ScannedSection, frame: JointOrBaseFrame) -> GrooveCloud:
-    """Profile points of a section; a side's normal is across its line and the groove."""
+    """Profile points of a section; a side's normal is across its chord and the groove."""
     T, points, groove = frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s, scan.groove
     # The wall is at high x_s; a corner that is not seen parts nothing.
     sides = (groove.points_s[1:4, 0] > points[:, :1]).sum(axis=1)
-    normals = np.tile(-T[:3, 2], (len(points), 1))
-    for side in np.unique(sides):
-        own = points[sides == side]
-        if len(own) < 2:
-            continue
-        along = np.linalg.svd(own - own.mean(axis=0), full_matrices=False)[2][0]
-        normal = unit_vector(np.cross(along, groove.T_s_g[:3, 0]))
-        towards = normal if normal @ own.mean(axis=0) < 0 else -normal
-        normals[sides == side] = T[:3, :3] @ towards
-    return GrooveCloud(transform_points(T, points), normals, sides)
+    across = np.cross(np.diff(groove.points_s, axis=0), groove.T_s_g[:3, 0])
+    away = (across * groove.points_s[:4]).sum(axis=1, keepdims=True) > 0
+    lengths = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(away, -across, across) / np.where(lengths > 0, lengths, np.nan)
+    normals = np.where(np.isfinite(across), across, (0.0, 0.0, -1.0)) @ T[:3, :3].T
+    return GrooveCloud(transform_points(T, points), normals[sides], sides)
 
 
 def corner_errors(
