@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.vehicle.ordered_motion import LONGEST_BETWEEN_TWO, RESPONSE_TIME, OrderedMotion
+from tjscan.vehicle.ordered_motion import RESPONSE_TIME, OrderedMotion
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
 SPEEDS = st.floats(-0.5, 0.5)
@@ -54,13 +54,3 @@ def test_an_order_that_was_taken_back_explains_motion_for_its_response_time_alon
     again.order(Twist(0.3, 0.0), 0.0)
     again.order(AT_REST, 1.0)
     assert not again.contradicts(moves, 1.0 + 0.9 * RESPONSE_TIME)
-
-
-def test_one_erring_state_is_no_alarm_and_two_are() -> None:
-    ordered = OrderedMotion()
-    ordered.order(AT_REST, 0.0)
-    moves, begin = Twist(0.2, 0.0), 2 * RESPONSE_TIME
-    for n in range(5):  # an error now and then
-        assert not ordered.is_contradicted(moves, begin + 2 * n * LONGEST_BETWEEN_TWO)
-        assert not ordered.is_contradicted(AT_REST, begin + 2 * n * LONGEST_BETWEEN_TWO + 0.02)
-    assert ordered.is_contradicted(moves, begin + 8 * LONGEST_BETWEEN_TWO + 0.1)

@@ -20,9 +20,6 @@ SPEED_TOLERANCE: Final = np.array((0.01, 0.03, 0.01))
 """By how much wheels may turn faster than ordered: m/s along, rad/s, m/s sideways. An assumption
 that leaves room for a drive's overshoot."""
 
-LONGEST_BETWEEN_TWO: Final = 0.3
-"""Seconds within which two states have to show it: a single one may be an encoder's error."""
-
 OVERSHOOT_SHARE: Final = 0.1
 """The same, as a share of what is ordered."""
 
@@ -38,20 +35,13 @@ class OrderedMotion:
     def __init__(self) -> None:
         # Replaced as a whole: one thread orders, another one asks.
         self._orders: tuple[tuple[float, Twist], ...] = ()
-        self._first, self._shown = np.inf, -np.inf
+        self._first = np.inf
 
     def order(self, twist: Twist, now: float) -> None:
         """Take note of an order, at seconds on the caller's clock."""
         self._first = min(self._first, now)
         since = [n for n, (time, _) in enumerate(self._orders) if time < now - RESPONSE_TIME]
         self._orders = (*self._orders[since[-1] if since else 0 :], (now, twist))
-
-    def is_contradicted(self, motion: Twist, now: float) -> bool:
-        """Whether two states of late show what was not ordered; asked at every state."""
-        if not self.contradicts(motion, now):
-            return False
-        before, self._shown = self._shown, now
-        return now - before <= LONGEST_BETWEEN_TWO
 
     def contradicts(self, motion: Twist, now: float) -> bool:
         """Whether a motion that the encoders show can't come from what was ordered."""

@@ -220,7 +220,7 @@ class MqttVehicle(BrokerClient):
         self._heard, self._lost = now, ""
         self._fault, self._commander = message.fault, message.commander
         odometry = message.state.odometry
-        if self._has_commanded and self._ordered.is_contradicted(odometry, now):
+        if self._has_commanded and self._ordered.contradicts(odometry, now):
             self._raise_alarm(
                 f"the vehicle drives {1e3 * odometry.speed:.0f} mm/s and turns "
                 f"{odometry.turn_rate:.2f} rad/s, which this program did not order"
