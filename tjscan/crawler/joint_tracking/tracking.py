@@ -52,6 +52,10 @@ a bead covers an edge its toe looks like one. It is six standard deviations."""
 LEAST_SHARE_ON_REFERENCE: Final = 0.3
 """Share of the points that must lie on the reference."""
 
+LARGEST_REGISTERED_SIGMA: Final = 0.3e-3
+"""Of a centre by the reference, metres: half of what guards let a torch be unsure by. Beads show it
+less surely than edges, and what is remembered is the line through many of them."""
+
 FARTHEST_SIGMAS, FARTHEST_SIDEWAYS = 4.0, 0.03e-3
 """How far a joint that is found by the reference may be from where it was last: in standard
 deviations, and, in metres, for each profile since then. A vehicle at 20 mm/s that turns with a
@@ -259,7 +263,7 @@ class JointTracker:
         placement, _ = found
         noise = placement.centre_sigma**2 - placement.shared_sigma**2
         sigma = sqrt(self._inflation * noise + placement.shared_sigma**2)
-        self._check_sigma(row, sigma)
+        self._check_sigma(row, sigma, LARGEST_REGISTERED_SIGMA)
         room = FARTHEST_SIGMAS * hypot(sigma, last.centre_sigma)
         room += FARTHEST_SIDEWAYS * (self._lost + 1)
         if abs(placement.centre - last.centre) > room:
@@ -308,9 +312,11 @@ class JointTracker:
             if refused:
                 raise row.ambiguity(why)
 
-    def _check_sigma(self, row: _ProfileRays, sigma: float) -> None:
-        """Refuse a centre that is too uncertain: the next way would be read by it."""
-        if sigma > HULL_GROOVE_SETTINGS.largest_sigma:
+    def _check_sigma(
+        self, row: _ProfileRays, sigma: float, largest: float = HULL_GROOVE_SETTINGS.largest_sigma
+    ) -> None:
+        """Refuse a centre that is too uncertain."""
+        if sigma > largest:
             raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
     def _learn_from(
