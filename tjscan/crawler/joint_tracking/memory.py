@@ -7,7 +7,7 @@ the error of that is in what is remembered, and grows from pass to pass.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import floor, hypot, sqrt
 from typing import Final
@@ -35,12 +35,16 @@ LINE_LENGTH, LINE_SIGMA = 20e-3, 0.02e-3
 does not, as a standard deviation: by what neither edges nor the vehicle's way are even."""
 
 
+Seen = tuple[float, Profile, JointPlacement | None]
+"""Where along the joint a profile was taken, metres, and where the joint was read in it."""
+
+
 class JointMemory:
     """What the joint looked like at each place when the vehicle last went back over it."""
 
     def __init__(self) -> None:
         self._references: dict[int, ReferenceProfile] = {}
-        self._seen: list[tuple[float, Profile, JointPlacement | None]] = []
+        self._seen: list[Seen] = []
         self._next = 0
         self._last: float | None = None
 
@@ -82,28 +86,24 @@ class JointMemory:
         while self._seen and (place := self._next * STATION_STEP) > down_to:
             self._seen = [row for row in self._seen if row[0] < place + LINE_LENGTH / 2]
             near = [row for row in self._seen if abs(row[0] - place) < STATION_LENGTH / 2]
-            if len(near) >= FEWEST_PROFILES and (line := _line_through(self._seen, place)):
-                places, profiles, read = zip(*near, strict=True)
-                beyond = np.subtract(places, place)
-                placements = [line(by, one) for by, one in zip(beyond.tolist(), read, strict=True)]
-                before = self._references.get(self._next)
+            placements = _on_one_line(self._seen, near, place)
+            if len(placements) >= FEWEST_PROFILES:
+                places, profiles, _ = zip(*near, strict=True)
+                before, beyond = self._references.get(self._next), np.subtract(places, place)
                 made = ReferenceProfile.from_profiles(profiles, placements, noise, before, beyond)
                 self._references[self._next] = made
             self._next -= 1
 
 
-def _line_through(
-    rows: Sequence[tuple[float, Profile, JointPlacement | None]], place: float
-) -> Callable[[float, JointPlacement | None], JointPlacement] | None:
+def _on_one_line(rows: Sequence[Seen], near: Sequence[Seen], place: float) -> list[JointPlacement]:
     """Where the joint is in profiles near a place, on the line through all that was read about it.
 
-    A vehicle hardly turns meanwhile. Given how far beyond the place a profile is, and where the
-    joint was read in it. None if it was not read on both sides.
+    A vehicle hardly turns meanwhile. Empty if it was not read on both sides.
     """
     read = [(at - place, one) for at, _, one in rows if one is not None]
     along = np.array([at for at, _ in read])
     if not (len(read) and along.min() < STATION_LENGTH / 2 and along.max() > -STATION_LENGTH / 2):
-        return None
+        return []
     found = np.array([(one.centre, one.hull_z, one.roll) for _, one in read])
     total, shared = np.array([(one.centre_sigma, one.shared_sigma) for _, one in read]).T
     # Readings over the length of a reference are off alike. It goes aside no more than it may.
@@ -114,17 +114,12 @@ def _line_through(
     start, slope = shares[:, :-1] @ found
     own = np.append(alike * (total**2 - shared**2 + LINE_SIGMA**2), MOST_SIDEWAYS_SHARE**2)
     sigma = hypot(sqrt(float(shares[0] ** 2 @ own)), float(shares[0, :-1] @ shared))
-
-    def placement(beyond: float, one: JointPlacement | None) -> JointPlacement:
-        centre, hull_z, roll = (start + beyond * slope).tolist()
-        on = JointPlacement(
-            centre=centre, hull_z=hull_z, roll=roll, centre_sigma=sigma, shared_sigma=sigma
-        )
-        if one is None:
-            return on
-        return replace(one, centre=centre, centre_sigma=sigma, shared_sigma=sigma)
-
-    return placement
+    placements = []
+    for at, _, one in near:
+        centre, hull_z, roll = (start + (at - place) * slope).tolist()
+        seen = one or replace(read[0][1], hull_z=hull_z, roll=roll)
+        placements.append(replace(seen, centre=centre, centre_sigma=sigma, shared_sigma=sigma))
+    return placements
 
 
 class RememberingTracker:
