@@ -227,7 +227,7 @@ class JointTracker:
         self._check_lines(row, lines, width, nan if reference is None else reference.width)
         covariances = self._inflation * lines.point_covariances
         sigma = 0.5 * sqrt(float(covariances[:, 0, 0].sum()))
-        self._check_sigma(row, sigma)
+        row.refuse_unsure(sigma, HULL_GROOVE_SETTINGS.largest_sigma)
         depth, area = _depth_and_area_left_to_fill(row, lines)
         if not known:
             if depth < LEAST_DEPTH:
@@ -263,7 +263,7 @@ class JointTracker:
         placement, _ = found
         noise = placement.centre_sigma**2 - placement.shared_sigma**2
         sigma = sqrt(self._inflation * noise + placement.shared_sigma**2)
-        self._check_sigma(row, sigma, LARGEST_REGISTERED_SIGMA)
+        row.refuse_unsure(sigma, LARGEST_REGISTERED_SIGMA)
         room = FARTHEST_SIGMAS * hypot(sigma, last.centre_sigma)
         room += FARTHEST_SIDEWAYS * (self._lost + 1)
         if abs(placement.centre - last.centre) > room:
@@ -311,13 +311,6 @@ class JointTracker:
         for why, refused in refusals.items():
             if refused:
                 raise row.ambiguity(why)
-
-    def _check_sigma(
-        self, row: _ProfileRays, sigma: float, largest: float = HULL_GROOVE_SETTINGS.largest_sigma
-    ) -> None:
-        """Refuse a centre that is too uncertain."""
-        if sigma > largest:
-            raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
     def _learn_from(
         self, row: _ProfileRays, lines: EdgeLines, width: float, *, known: bool
@@ -381,6 +374,11 @@ class _ProfileRays:
     def points(self) -> Array:
         """Places (x, z), shape (n, 2)."""
         return np.column_stack((self.x, self.z))
+
+    def refuse_unsure(self, sigma: float, largest: float) -> None:
+        """Refuse a centre that is too uncertain."""
+        if sigma > largest:
+            raise self.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
     def ambiguity(self, why: str) -> GrooveNotFound:
         """The error of points that do not show one joint."""
