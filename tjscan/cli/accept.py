@@ -48,9 +48,9 @@ def accept(
         parsed = read_acceptance_job(job, parse_overrides(overrides)).job_at_station(station)
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.output.calibration import PrintOnlyOperator, TerminalOperator
-    from tjscan.cli.output.console import print_figures_table, print_json, print_message
+    from tjscan.cli.output.console import print_figures_table, print_message
     from tjscan.result.directory import default_run_directory
-    from tjscan.runs.accept.run import accept_cell, read_earlier_acceptance
+    from tjscan.runs.accept.run import ACCEPTANCE_FILE, accept_cell, read_earlier_acceptance
 
     directory = out or default_run_directory(job)
     with add_file_to_errors(job):
@@ -64,7 +64,7 @@ def accept(
             print_message(f"{row.key}: {row.what} has drifted since {found.against}")
     print_message(f"{'accepted' if found.passes else 'NOT accepted'}; the record is in {directory}")
     if json:
-        print_json(found)
+        print((directory / ACCEPTANCE_FILE).read_text(encoding="utf-8"))
     if not found.passes:
         raise SystemExit(1)
 

@@ -20,7 +20,7 @@ from tjscan.calibration.solve.refine import StackedResiduals, stack_residuals
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
 from tjscan.core.errors import AcceptanceRefused
-from tjscan.core.frames import Array, Mask, array_dataclass, inverse_pose, transform_points
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.model import MeasuringRange
 from tjscan.robot.arm import ArmState
@@ -101,7 +101,7 @@ class AcceptanceRow:
     def passes(self) -> bool:
         """Whether it is not proven to be beyond its limit."""
         beyond = abs(self.measured - self.nominal) - FAILING_SIGMAS * self.sigma
-        return self.limit is None or beyond <= self.limit
+        return self.limit is None or bool(beyond <= self.limit)
 
     @property
     def has_drifted(self) -> bool:
@@ -109,8 +109,8 @@ class AcceptanceRow:
         return self.drift is not None and abs(self.drift) > FAILING_SIGMAS
 
     def compared_with(self, earlier: AcceptanceRow) -> AcceptanceRow:
-        """The same with its drift."""
-        change = self.measured - earlier.measured
+        """The same with its drift; of what has a certificate, against what it certifies."""
+        change = (self.measured - self.nominal) - (earlier.measured - earlier.nominal)
         sigma = max(float(np.hypot(self.sigma, earlier.sigma)), np.finfo(float).tiny)
         return replace(self, drift=change / sigma)
 
@@ -228,8 +228,8 @@ class BallLooks:
         stated = self.stated
         values, vectors = np.linalg.eigh(stated.covariance)
         draws = vectors * np.sqrt(np.maximum(values, 0.0))
-        parts = []
-        for arcs, shots, own in zip(self.arcs, self.profiles, self._each_target, strict=True):
+        parts, each = [], np.split(self.target, len(self.arcs))
+        for arcs, shots, own in zip(self.arcs, self.profiles, each, strict=True):
             model = SeenBall(arcs, SphereTarget(), stated.noise).model
             found = model.linearise(stated.T_f_s, own)
             moved = np.array([_flange_motion(stated.kinematics, shot) for shot in shots])
@@ -245,17 +245,18 @@ class BallLooks:
         own_covariance = stacked.covariance - _square(stacked.by_laser)
         return stacked, by_target, own_covariance, _square(by_shared)
 
-    @property
-    def _each_target(self) -> list[Array]:
-        return np.split(self.target, len(self.arcs))
-
     def estimate(self) -> tuple[Array, Array]:
         """Step to the most probable target, and its covariance, by all that is stated."""
-        stacked, J, own, shared = self.linearise()
-        S = own + shared + self._linearity_scale**2 * _square(stacked.by_laser)
-        W_J = np.linalg.solve(S, J)
+        stacked, J, _, _ = self.linearise()
+        W_J = np.linalg.solve(self.covariance, J)
         covariance = np.linalg.inv(J.T @ W_J)
         return -covariance @ (W_J.T @ stacked.residuals), covariance
+
+    @property
+    def covariance(self) -> Array:
+        """Of the residuals, by all that is stated, shape (N, N)."""
+        stacked, _, own, shared = self.linearise()
+        return own + shared + self._linearity_scale**2 * _square(stacked.by_laser)
 
     @property
     def _linearity_scale(self) -> float:
@@ -264,7 +265,8 @@ class BallLooks:
     def centre_sigmas(self) -> Array:
         """Of a ball's centre in b by noise of the looks alone, shape (3,), metres."""
         _, J, own, _ = self.linearise()
-        return np.sqrt(np.diag(np.linalg.inv(J.T @ np.linalg.solve(own, J))))[:3]
+        gain = self.estimate()[1] @ np.linalg.solve(self.covariance, J).T
+        return np.sqrt(np.diag(gain @ own @ gain.T))[:3]
 
     def distance(self) -> tuple[float, float]:
         """Between two balls' centres, and its standard uncertainty, metres."""
@@ -338,11 +340,11 @@ class BallLooks:
 
         Metres, along x and z of the sensor together; the uncertainty is that of what is expected.
         """
-        stacked, J, own, shared = self.linearise()
+        stacked, J, own, _ = self.linearise()
         W = np.linalg.inv(own)
         M = np.eye(len(J)) - J @ np.linalg.solve(J.T @ W @ J, J.T @ W)
-        S = own + shared + self._linearity_scale**2 * _square(stacked.by_laser)
-        centre = _centre_rows(len(J))
+        S = self.covariance
+        centre = np.arange(len(J)) % 3 < 2  # of x, z and radius by turns
         left, expected = (M @ stacked.residuals)[centre], (M @ S @ M.T)[np.ix_(centre, centre)]
         mean, n = float(np.trace(expected)), self.count
         freedom = mean**2 / float(np.sum(expected**2))
@@ -354,11 +356,6 @@ def _square(A: Array | None) -> Array:
     if A is None:
         raise ValueError("the laser's deviation is stated for every arc")
     return np.asarray(A @ A.T)
-
-
-def _centre_rows(count: int) -> Mask:
-    """Of residuals x, z and radius by turns, those of the centre."""
-    return np.arange(count) % 3 < 2
 
 
 def _mean_and_three_sigmas(places: Array) -> tuple[float, float]:
@@ -391,11 +388,6 @@ def _by_range_bias(fit: CircleFit, shot: PosedProfile, radius: float, bias: floa
     J = np.column_stack((away, np.ones(len(away))))
     x, z, r = np.linalg.lstsq(J, outward, rcond=None)[0]
     return np.array((-x, -z, fit.radius / radius * r))
-
-
-def ball_in_sensor(T_b_f: Array, T_f_s: Array, centre_b: Array) -> Array:
-    """A ball's centre in the sensor's frame, shape (3,), metres."""
-    return transform_points(inverse_pose(T_b_f @ T_f_s), centre_b)
 
 
 def stopping(states: Sequence[ArmState], ordered: int) -> tuple[float, float, float]:

@@ -138,7 +138,7 @@ class ArtefactViewer:
         for R in _views_from_above():
             places = self.flange_poses(R, centre_b, self.window_places())
             try:
-                self.cell.arm.check_moves(places[0], self._drawn_back(places[0]), *places)
+                self.cell.arm.check_moves(self._drawn_back(places[0]), *places)
             except PoseUnreachable as error:
                 reason = str(error)
             else:
@@ -166,17 +166,18 @@ class ArtefactViewer:
         return shot
 
     def begin(self, T_b_f: Array) -> None:
-        """Move to a first pose in joint space.
+        """Move in joint space to where the sensor is drawn back from a pose.
 
         Raises
         ------
         AcceptanceRefused
             If the operator does not agree.
         """
-        question = Question("Move the sensor over the ball?", True, moves=True, T_b_f=T_b_f)
+        back = self._drawn_back(T_b_f)
+        question = Question("Move the sensor over the ball?", True, moves=True, T_b_f=back)
         if not self.operator.confirm(question):
             raise AcceptanceRefused("not begun", "the sensor has to be over the ball")
-        self.cell.arm.move_joint_to_pose(T_b_f)
+        self.cell.arm.move_joint_to_pose(back)
 
     def look_from_each(self, what: str, T_b_f: Iterable[Array]) -> list[PosedProfile]:
         """Look at the ball from flange poses, one after the other on straight lines."""
@@ -227,8 +228,7 @@ class ArtefactViewer:
         except ConfigurationError:
             self.operator.report("the clocks are not compared: no stamps while the arm moves")
             return []
-        question = Question("Move the laser 4 mm to and fro across the ball?", True, moves=True)
-        if not self.operator.confirm(question):
+        if not self.operator.confirm(Question("Move 4 mm to and fro?", True, moves=True)):
             return []
         kinematics = self.stated.kinematics
         poses, start = ActualPoses(kinematics), self.cell.arm.state()
@@ -322,7 +322,5 @@ def stop_half_way(arm: Arm, T_b_f: Array) -> tuple[list[ArmState], int]:
 def _rests(states: list[ArmState]) -> bool:
     """Whether the flange stayed where it is in the last states."""
     before = states[-min(len(states), STATES_AT_REST)].T_b_f
-    return bool(
-        len(states) > STATES_AT_REST
-        and np.linalg.norm(states[-1].T_b_f[:3, 3] - before[:3, 3]) < REST_DISTANCE
-    )
+    moved = float(np.linalg.norm(states[-1].T_b_f[:3, 3] - before[:3, 3]))
+    return len(states) > STATES_AT_REST and moved < REST_DISTANCE

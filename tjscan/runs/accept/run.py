@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, date, datetime
 from itertools import islice
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 from pydantic import TypeAdapter
+from pydantic_core import to_json
 from scipy.linalg import block_diag
 
 from tjscan.calibration.targets.target import PosedProfile
@@ -93,9 +94,12 @@ class Acceptance:
         return all(row.passes and not row.has_drifted for row in self.rows)
 
     def compared_with(self, earlier: Acceptance) -> Acceptance:
-        """The same with drifts of what both measured."""
-        before = {row.key: row for row in earlier.rows}
-        rows = [row.compared_with(before.get(row.key, row)) for row in self.rows]
+        """The same with drifts of what both measured; an artefact certified again was away."""
+        stayed = self.artefact["certificate"] == earlier.artefact.get("certificate")
+        before = {row.key: row for row in earlier.rows if stayed or row.limit is not None}
+        rows = [
+            row.compared_with(before[row.key]) if row.key in before else row for row in self.rows
+        ]
         return replace(self, rows=tuple(rows), against=f"{earlier.date:%Y-%m-%d %H:%M} UTC")
 
 
@@ -198,8 +202,9 @@ def accept_cell(
     found = Acceptance(head.program, head.job, began, *_device_ids(job), devices, *what)
     found = found if earlier is None else found.compared_with(earlier)
     with write_files_atomically(directory, listed=True) as draft:
-        text = TypeAdapter(Acceptance).dump_json(found, indent=2)
-        (draft / ACCEPTANCE_FILE).write_bytes(text)
+        told = [asdict(row) | {"passes": row.passes} for row in found.rows]
+        record = asdict(found) | {"passes": found.passes, "rows": told}
+        (draft / ACCEPTANCE_FILE).write_bytes(to_json(record, indent=2))
     return found
 
 
@@ -265,7 +270,7 @@ class Measured:
         aside = np.array((0.0, RETURN_BESIDE_MIDDLE * R, places[0][2]))
         (for_returns,) = viewer.flange_poses(turn, centre, [aside])
 
-        viewer.begin(poses[0])
+        viewer.look("the middle", poses[0])
         clocks = viewer.lay_clock(motion_limits_of_job(job))
         stop = viewer.stop_on_the_way(poses[0])
         returns = viewer.return_to(for_returns, settings.returns)
@@ -277,6 +282,7 @@ class Measured:
             viewer.begin(poses[0])
         postures = viewer.look_from_postures(views, settings.postures)
         viewer.begin(poses[0])
+        viewer.look("the middle", poses[0])
         clocks += viewer.lay_clock(motion_limits_of_job(job))
         start = np.append(centre, R)
         looks = BallLooks.of_profiles([grid], stated, start, judge.FEWEST_LOOKS).solved()

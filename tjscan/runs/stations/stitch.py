@@ -315,11 +315,13 @@ def _check_recording_is_of_job(directory: Path, job: ScanJob) -> None:
     if snapshot is None:
         return
     recorded = validate_table(ScanJob, tomllib.loads(snapshot.job))
-    if recorded.start_poses != job.start_poses:
+    names = recorded.station_names
+    if len(names) != 1 or recorded.start_poses != job.start_poses:
+        of = f"station {', '.join(map(repr, names))}" if names else "a scan without stations"
         raise ConfigurationError(
-            f"its recording is of station {recorded.station[0].name!r}, its start poses not what "
-            f"its {run_files.JOB_FILE} has for {job.station[0].name!r}; put the recordings of the "
-            "stations back into their own directories",
+            f"its recording is of {of}, its start poses not what its {run_files.JOB_FILE} has for "
+            f"{job.station[0].name!r}; put the recordings of the stations back into their own "
+            "directories",
             file=directory,
         )
 
