@@ -42,13 +42,16 @@ from tjscan.robot.path import MotionLimits
 from tjscan.robot.simulated_following import CONTROLLER_TICK, SimulatedFollowing
 from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.continuous import scanner as continuous_scanner
-from tjscan.scanning.continuous.smoothing import smooth_corners
+from tjscan.scanning.continuous.smoothing import (
+    FROM_NEIGHBOURS,
+    finished_sections,
+    smooth_corners,
+)
 from tjscan.scanning.journal import ScanEvent, ScanResult, plan_is_fulfilled
 from tjscan.scanning.plan import view_deviation
 from tjscan.scanning.section import ProfileView, ScannedSection, SetPoint, Substep
 from tjscan.scanning.sections_before import (
     PLANNING_SPACING,
-    name_tack_ends,
     planning_sections,
 )
 from tjscan.scanning.target import correction_target_pose
@@ -347,9 +350,11 @@ class FollowedYard:
         Of the result.
     read : float
         Share of a section every 2 mm that they are; 0 if the scan did not end as asked.
-    wrong, sure, smoothed : int
-        Sections off tacks with a corner over `WRONG` off: as read; of those stated better than
-        `GIVEN`; smoothed.
+    single, wrong, sure, smoothed : int
+        Sections off tacks with a corner over `WRONG` off: as read singly; as given; of those stated
+        better than `GIVEN`; smoothed.
+    by_neighbours : int
+        Sections with a corner that is given by its neighbours.
     unnamed, beside : int
         Sections on a tack that are not named, and named ones further than `BESIDE_TACK` from one.
     fallbacks : int
@@ -358,9 +363,11 @@ class FollowedYard:
 
     sections: int
     read: float
+    single: int
     wrong: int
     sure: int
     smoothed: int
+    by_neighbours: int
     unnamed: int
     beside: int
     fallbacks: int
@@ -374,10 +381,12 @@ def follow_yard(key: tuple[str, int]) -> FollowedYard:
     assert job.joint is not None
     assert context.joint is not None
     result = scan_in_cell(context.make_cell(), job, CombinedJournal())
-    sections = list(name_tack_ends(result.sections))
+    sections = list(finished_sections(result.sections))
     read = np.array([section.points_b[1:4] for section in sections])
     errors = corner_errors(sections, read, context)
     smoothed = corner_errors(sections, smooth_corners(sections), context)
+    singly = np.array([section.points_b[1:4] for section in result.sections])
+    single = corner_errors(sections, singly, context)
     covariances = np.array([section.groove.corner_covariances_s for section in sections])
     sure = 1e3 * np.sqrt(np.trace(covariances, axis1=2, axis2=3)) < GIVEN
     T_r_b = JointOrBaseFrame(job.joint.T_w_j).T_r_b
@@ -393,16 +402,18 @@ def follow_yard(key: tuple[str, int]) -> FollowedYard:
     away = 1e3 * np.linalg.norm(roots[0][:, None] - tacks, axis=2).min(axis=1)
     done = plan_is_fulfilled(result.stop, job.scan)
     asked = 1 + groove_between(result) / job.scan.section_spacing
-    wrong, stated, smooth = (
+    alone, wrong, stated, smooth = (
         int((off[~named] > WRONG).any(axis=1).sum())
-        for off in (errors, np.where(sure, errors, 0.0), smoothed)
+        for off in (single, errors, np.where(sure, errors, 0.0), smoothed)
     )
     return FollowedYard(
         sections=len(sections),
         read=len(sections) / asked if done else 0.0,
+        single=alone,
         wrong=wrong,
         sure=stated,
         smoothed=smooth,
+        by_neighbours=sum(FROM_NEIGHBOURS in section.groove.conditions for section in sections),
         unnamed=int((covered & ~named).sum()),
         beside=int((named & (away > BESIDE_TACK)).sum()),
         fallbacks=result.counts.stepwise + result.counts.retreats,
@@ -414,7 +425,9 @@ def rows_of_yard(found: list[FollowedYard]) -> Iterator[Row]:
     total = {name: sum(getattr(one, name) for one in found) for name in vars(found[0])}
     name = f"yard, {total['sections']} sections of {len(found)} scans"
     yield Row(f"{name}: read, worst", min(one.read for one in found), np.inf, at_least=0.97)
-    yield Row(f"yard: a corner over {WRONG} mm wrong off tacks, as read", total["wrong"], 0)
+    yield Row(f"yard: a corner over {WRONG} mm wrong off tacks, as given", total["wrong"], 0)
+    yield Row("yard: … as read singly", total["single"], np.inf)
+    yield Row("yard: with a corner given by its neighbours", total["by_neighbours"], np.inf)
     yield Row(f"yard: … of those stated better than {GIVEN} mm", total["sure"], 0)
     yield Row("yard: … smoothed", total["smoothed"], 0)
     yield Row("yard: on a tack and not named", total["unnamed"], 0)
