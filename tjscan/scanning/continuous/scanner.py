@@ -315,7 +315,7 @@ class ContinuousScanner(Scanner):
         """Add a section, and see whether the groove is closed with it."""
         self._finish_section(section)
         self._length = self._length_of[section.view.index] = length
-        if len(planning_sections(self._log.sections)) >= FEWEST_SECTIONS_TO_PLAN:
+        if len(planning_sections(self._log.sections)) > 1:  # nearer ones show less than the way
             self._along_b = seam_direction(self._log.sections)
         origins = (one.T_b_g[:3, 3] for one in (section, self._log.sections[0]))
         away, near = dist(*origins), CLOSING_SPACINGS * self._plan.section_spacing

@@ -20,7 +20,8 @@ PREDICTION_SPACING: Final = 12e-3
 """Metres from the last section to the first place that is predicted, and from place to place."""
 
 DIRECTION_LENGTH: Final = 40e-3
-"""Metres of groove that show its direction."""
+BEND_LENGTH: Final = 16e-3
+"""Metres of groove that show its direction, and that show its bend, too."""
 
 NEWTON_STEPS: Final = 4
 """From each place to the next."""
@@ -112,7 +113,8 @@ def _frames_along(origins: Array, walls: Array, angles: Array, plan: ScanPlan) -
 def seam_direction(sections: Sections) -> Array:
     """Direction of the groove at the last of two or more sections, unit vector.
 
-    Of parabolas through the ways of the last sections' corners, as surely as each is known.
+    Of parabolas through the ways of the last sections' corners, as surely as each is known; of
+    lines through few.
     """
     last = sections[-seam_fit.MOST_RECENT_SECTIONS :]
     origins = np.array([section.T_b_g[:3, 3] for section in last])
@@ -123,7 +125,8 @@ def seam_direction(sections: Sections) -> Array:
     corners = np.array([section.points_b[1:4] for section in recent])
     covariances = np.array([section.groove.corner_covariances_s for section in recent])
     sigmas = np.sqrt(0.5 * np.trace(covariances, axis1=2, axis2=3) + seam_fit.ARM_REPEATABILITY**2)
-    powers = np.vander(along[near], min(3, len(recent)), increasing=True)
+    degree = 2 if len(recent) > 2 and -along[near][0] >= BEND_LENGTH else 1
+    powers = np.vander(along[near], degree + 1, increasing=True)
     slope = np.zeros(3)
     for way, sigma in zip(corners.swapaxes(0, 1), sigmas.T, strict=True):
         inverse = np.linalg.inv(powers.T @ (powers / sigma[:, None] ** 2))
