@@ -29,6 +29,7 @@ from yard import WAYS as YARD_WAYS
 
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
+from tjscan.groove.section import FROM_NEIGHBOURS
 from tjscan.job.cell import motion_limits_of_job
 from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
@@ -42,11 +43,7 @@ from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.scanning.continuous import scanner as continuous_scanner
-from tjscan.scanning.continuous.smoothing import (
-    FROM_NEIGHBOURS,
-    finished_sections,
-    smooth_corners,
-)
+from tjscan.scanning.continuous.smoothing import finished_sections, smooth_corners
 from tjscan.scanning.journal import ScanEvent, ScanResult, plan_is_fulfilled
 from tjscan.scanning.plan import view_deviation
 from tjscan.scanning.section import ProfileView, ScannedSection, SetPoint, Substep

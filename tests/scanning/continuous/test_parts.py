@@ -12,6 +12,7 @@ from seams import Noise, seam
 
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array, pose, unit_vector
+from tjscan.groove.section import FROM_NEIGHBOURS
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
@@ -19,11 +20,7 @@ from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_of
 from tjscan.scanning.continuous.fusing import ProfileFuser, fuse_profiles
 from tjscan.scanning.continuous.poses import ActualPoses
 from tjscan.scanning.continuous.seam_ahead import predict_seam, seam_direction
-from tjscan.scanning.continuous.smoothing import (
-    FROM_NEIGHBOURS,
-    finished_sections,
-    smooth_corners,
-)
+from tjscan.scanning.continuous.smoothing import finished_sections, smooth_corners
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.sections_before import planning_sections
 from tjscan.scanning.target import ScanDirection

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, inverse_pose, unit_vector
 from tjscan.groove.root import ROOT_NOT_SEEN, SEAM_BESIDE
+from tjscan.groove.section import FROM_NEIGHBOURS
 from tjscan.scanning.seam_fit import ARM_REPEATABILITY
 from tjscan.scanning.section import ScannedSection, Sections, Substep
 from tjscan.scanning.sections_before import name_tack_ends, section_with_corners
@@ -30,9 +31,6 @@ something begins."""
 
 SECTIONS_BEFORE_A_JUMP: Final = 4
 """Sections whose straight way is carried on to find one."""
-
-FROM_NEIGHBOURS: Final = "corner by neighbours"
-"""Condition of a section with a corner that contradicted its neighbours, and is given by them."""
 
 LARGEST_CONTRADICTION: Final = 0.35e-3
 """Metres from where its neighbours show a corner up to which it counts as read: undulation of a
