@@ -101,6 +101,33 @@ def test_all_notations_of_a_pose_give_the_same_calibration(tmp_path: Path) -> No
     assert np.linalg.norm(off[3:]) < GOOD[1]
 
 
+def with_decimal_commas(file: Path, mark: str, before: str) -> None:
+    """Write a table again as a spreadsheet in Europe does."""
+    text = file.read_text(encoding="utf-8").replace(",", mark).replace(".", ",")
+    file.write_text(before + text, encoding="utf-8-sig", newline="")
+
+
+@pytest.mark.parametrize("mark", [";", "\t", " ; "])
+@pytest.mark.parametrize("before", ["", "# exported by hand; 12 poses\n\n", "# "])
+def test_semicolons_and_decimal_commas_make_no_difference(
+    tmp_path: Path, mark: str, before: str
+) -> None:
+    touched = HAND.touches(PLACES, np.random.default_rng(7))
+    rows = (1e3 * touched).tolist()
+    write_rows(tmp_path / "touched.csv", ("x_mm", "y_mm", "z_mm"), rows)
+    files = record(tmp_path, varied(np.random.default_rng(3), 12))
+    job = write_job(tmp_path, files | UNKNOWN | {"touched": "touched.csv"})
+    assert tjscan("calibrate", job, "--out", tmp_path / "plain") == 0
+    for name in ("poses.csv", "touched.csv"):
+        with_decimal_commas(tmp_path / name, mark, before)
+    with_decimal_commas(tmp_path / "lines.csv", mark, before.removesuffix("# "))
+    assert tjscan("calibrate", job, "--out", tmp_path / "commas") == 0
+    plain, commas = (
+        read_calibration(tmp_path / run / "calibration.toml").T_f_s for run in ("plain", "commas")
+    )
+    np.testing.assert_array_equal(plain, commas)
+
+
 @pytest.mark.parametrize("target", ["plane", "touched", "unknown plane"])
 def test_a_board_is_stated_touched_or_unknown(tmp_path: Path, target: str) -> None:
     touched = HAND.touches(PLACES, np.random.default_rng(7))

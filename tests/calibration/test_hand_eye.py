@@ -308,10 +308,24 @@ def test_tilts_one_way_and_turns_about_the_normal_are_refused() -> None:
     assert "tilt about the sensor's y axis" in said.evidence
 
 
-def test_small_tilts_are_refused_as_ill_conditioned() -> None:
-    said = refusal(circle(7))
-    assert said.reason == "ill-conditioned"
-    assert "the limit 100" in said.evidence
+def test_a_set_is_judged_by_its_covariance_and_not_by_its_condition_number() -> None:
+    weights = []
+    for seed in range(12):
+        rng, poses = np.random.default_rng([8, seed]), circle(7)
+        result = calibrate_on_plane(samples(poses, shots(poses, HAND, rng)), target(rng), NOISE)
+        assert result.condition > 100
+        assert 1 * MM < result.uncertainty.position < 5 * MM
+        assert any("certain to" in said for said in result.caveats)
+        off = error(result.T_f_s)
+        weights.append(off @ np.linalg.solve(result.covariance, off) / 6)
+    assert max(weights) < 4.6  # chi-squared of six over six, one in ten thousand
+    assert np.mean(weights) < 1.5
+
+
+def test_tilts_too_small_to_beat_a_drawing_are_refused() -> None:
+    said = refusal(circle(3))
+    assert said.reason == "too uncertain"
+    assert "the limits are 5 mm and 1°" in said.evidence
     assert "the sensor's x axis and the sensor's y axis" in said.evidence
 
 

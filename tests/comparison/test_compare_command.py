@@ -151,6 +151,17 @@ def write_csv(file: Path, points: Array) -> None:
     np.savetxt(file, points, delimiter=",", header="# by hand\nx,y,z", comments="")
 
 
+def with_decimal_commas(write: Callable[[Path, Array], None]) -> Callable[[Path, Array], None]:
+    """The same file as a spreadsheet in Europe writes it."""
+
+    def write_with_commas(file: Path, points: Array) -> None:
+        write(file, points)
+        text = file.read_text(encoding="utf-8").replace(",", ";").replace(".", ",")
+        file.write_text(text, encoding="utf-8")
+
+    return write_with_commas
+
+
 def write_pcd(file: Path, points: Array) -> None:
     head = [
         "VERSION .7",
@@ -174,7 +185,12 @@ def write_ply(file: Path, points: Array) -> None:
 
 CLOUDS: dict[str, Callable[[Path, Array], None]] = {
     "xyz": write_xyz,
+    "commas.xyz": with_decimal_commas(write_xyz),
+    "semicolons.xyz": with_decimal_commas(
+        lambda file, points: np.savetxt(file, points, delimiter=",")
+    ),
     "csv": write_csv,
+    "semicolons.csv": with_decimal_commas(write_csv),
     "pcd": write_pcd,
     "ply": write_ply,
 }

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from plates import half_v, sheared_groove
 from ringed_grooves import corners_along_arc, edges_of
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.path import LARGEST_CHORD_ERROR, LARGEST_KINK, chord_error_and_kink
-from tjscan.planning.plan import WeldPlan, plan_weld
+from tjscan.planning.plan import WeldPlan, number_beside, plan_weld
 from tjscan.planning.wps import (
     PositionLimits,
     StartStopSettings,
@@ -306,3 +308,12 @@ def test_every_bead_runs_in_and_ends_in_a_crater_as_the_wps_says() -> None:
         np.testing.assert_allclose(bead.speed[inner], own[inner], rtol=1e-3)
         assert bead.area[0] == pytest.approx(one.area[0] / 1.25, rel=1e-6)
         assert bead.volume < one.volume
+
+
+@given(st.floats(0.1, 1e4), st.floats(-1e-9, 1e-9) | st.floats(-0.6, 0.6))
+def test_a_number_out_of_a_limit_never_reads_as_the_limit(limit: float, off: float) -> None:
+    value = limit * (1 + off)
+    rounded = float(number_beside(value, limit))
+    assert (rounded > limit) == (value > limit)
+    assert (rounded < limit) == (value < limit)
+    assert rounded == pytest.approx(value, rel=0.006)

@@ -72,7 +72,7 @@ def test_an_opening_out_of_its_window_is_named_with_its_place() -> None:
     (one,) = [f for f in found.findings if f.key == "root.opening_mm"]
     wide = np.linspace(0, LENGTH, COUNT)[opening > 6e-3]
     assert (one.begin, one.end) == pytest.approx((wide[0], wide[-1]))
-    assert "8.00, allowed 2 to 6" in one.text
+    assert "8, allowed 2 to 6" in one.text
 
 
 def test_tacks_are_fused_or_skipped_as_the_wps_says() -> None:

@@ -58,7 +58,7 @@ def test_charts_of_one_title_are_drawn_together(run: Path) -> None:
     two = tuple(replace(place, name=name, chapters=(FED,)) for name in ("left", "right"))
     picture = draw_scan_charts(replace(data, places=two))
     assert picture is not None
-    assert b"<svg" in b64decode(picture.data.split(",")[1])
+    assert b"<svg" in b64decode(picture.panels[0].split(",")[1])
     assert draw_scan_charts(replace(data, places=())) is None
 
 

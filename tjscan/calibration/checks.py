@@ -38,9 +38,7 @@ MIN_RMS_FLANGE_TURN: Final = float(np.radians(2.0))
 MIN_TILT_SPREAD: Final = 5e-3
 """RMS by which the cosines of the tilts must differ: about 0° beside 10°."""
 ADVISED_TILT_DEG: Final = 20
-"""Degrees to tilt by, in the advice: they bring the condition number well below its limit."""
-MAX_CONDITION_NUMBER: Final = 100.0
-"""Of eq. (21); beyond it, errors of a line grow into millimetres."""
+"""Degrees to tilt by, in the advice: they bring the condition number to about 20."""
 ARBITRARY_ROTATION_CONDITION: Final = 1e4
 """Condition beyond which the rotation found is arbitrary and names no axes."""
 
@@ -143,35 +141,30 @@ def check_tilts_vary(u_f: Array, R_f_s: Array | None = None) -> None:
         )
 
 
-def check_rotation_condition(
-    A: Array, u_f: Array, R_f_s: Array, R_f_s_guess: Array | None
-) -> float:
-    """Condition number of eq. (21); refuses lines that fix no rotation.
+def rotation_condition(A: Array) -> float:
+    """Condition number of eq. (21), `A` of shape (n, 6).
+
+    First over fifth singular value; the last belongs to the solution.
+    """
+    singular = np.linalg.svd(A, compute_uv=False)
+    return float(singular[0] / max(singular[4], 1e-300))
+
+
+def advise_further_tilts(
+    condition: float, u_f: Array, R_f_s: Array, R_f_s_guess: Array | None
+) -> str:
+    """Text on how far poses tilt, and about which axes they must tilt further.
 
     Parameters
     ----------
-    A : ndarray, shape (n, 6)
+    condition : float
         Of eq. (21).
     u_f : ndarray, shape (n, 3)
         The board's normal as each flange sees it.
     R_f_s, R_f_s_guess : ndarray, shape (3, 3)
         Rotation of the sensor as found, and approximately, if that is known: one of them names
         the axes to tilt about.
-
-    Returns
-    -------
-    float
-        First over fifth singular value; the last belongs to the solution.
-
-    Raises
-    ------
-    CalibrationRefused
-        With how far the poses tilt, and about which axis they must tilt further.
     """
-    singular = np.linalg.svd(A, compute_uv=False)
-    condition = float(singular[0] / max(singular[4], 1e-300))
-    if condition <= MAX_CONDITION_NUMBER:
-        return condition
     # A rotation from an ill-conditioned set still names the axes, unless it is arbitrary.
     R = (
         R_f_s_guess
@@ -185,11 +178,7 @@ def check_rotation_condition(
     )
     # About equally little both ways: both are missing.
     weak = axes if spread[1] > 0.5 * spread[0] else axes[1:]
-    raise CalibrationRefused(
-        "ill-conditioned",
-        f"the condition number is {condition:.0f}, the limit {MAX_CONDITION_NUMBER:.0f}; the tilts "
-        f"have an RMS of {shown}; {advise_tilts(list(weak), R)}",
-    )
+    return f"the tilts have an RMS of {shown}; {advise_tilts(list(weak), R)}"
 
 
 def tilt_spread(u_f: Array) -> tuple[Array, Array]:
@@ -258,30 +247,16 @@ MAX_SIGMA_ROTATION: Final = float(np.radians(1.0))
 """Metres and radians RMS; a drawing of the bracket is better than a calibration less certain."""
 
 
-def check_scaled_condition(estimate: LeastSquaresEstimate) -> float:
-    """Condition of the pose's normal equations, each parameter in units of its own certainty.
+def scaled_condition(covariance: Array) -> float:
+    """Condition of a pose's normal equations, each parameter in units of its own certainty.
 
     Parameters
     ----------
-    estimate : LeastSquaresEstimate
-        Of any targets.
-
-    Raises
-    ------
-    CalibrationRefused
-        If some combination of the parameters is much less certain than each of them.
+    covariance : ndarray, shape (6, 6)
+        Of the pose.
     """
-    covariance = estimate.covariance[:6, :6]
     sigma = np.sqrt(np.diag(covariance))
-    values = np.linalg.eigvalsh(covariance / np.outer(sigma, sigma))
-    condition = float(np.sqrt(values[-1] / max(values[0], 1e-300)))
-    if condition > MAX_CONDITION_NUMBER:
-        raise CalibrationRefused(
-            "ill-conditioned",
-            f"the condition number is {condition:.0f}, the limit {MAX_CONDITION_NUMBER:.0f}; see "
-            "the target from more directions and at different heights",
-        )
-    return condition
+    return float(np.sqrt(np.linalg.cond(covariance / np.outer(sigma, sigma))))
 
 
 def sample_residuals(
@@ -348,26 +323,28 @@ def check_residuals(estimate: LeastSquaresEstimate, residuals: tuple[SampleResid
     )
 
 
-def check_result_certainty(covariance: Array) -> None:
+def check_result_certainty(covariance: Array, advice: str) -> None:
     """Refuse a result that is worse than a drawing of the bracket.
 
     Parameters
     ----------
     covariance : ndarray, shape (6, 6)
         Of T_f_s.
+    advice : str
+        What to do about it.
 
     Raises
     ------
     CalibrationRefused
-        With how uncertain it is.
+        With how uncertain it is, and the limit.
     """
     sure = HandEyeUncertainty(covariance)
     if sure.position > MAX_SIGMA_POSITION or sure.rotation > MAX_SIGMA_ROTATION:
         raise CalibrationRefused(
             "too uncertain",
             f"the sensor's place is certain to {1e3 * sure.position:.2f} mm and "
-            f"{np.degrees(sure.rotation):.2f}° only; take more lines, tilted further, and turned "
-            "about the board's normal",
+            f"{np.degrees(sure.rotation):.2f}° only, the limits are "
+            f"{1e3 * MAX_SIGMA_POSITION:g} mm and {np.degrees(MAX_SIGMA_ROTATION):g}°; {advice}",
         )
 
 

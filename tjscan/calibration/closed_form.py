@@ -240,7 +240,7 @@ def solve_closed_form(lines: LineBundle, plane: PluckerPlane) -> ClosedFormSolut
     Parameters
     ----------
     lines : LineBundle
-        In general position; see `tjscan.calibration.checks.check_rotation_condition`.
+        In general position; see `tjscan.calibration.checks.rotation_condition`.
     plane : PluckerPlane
         Frame b.
 

@@ -84,11 +84,11 @@ def calibrate_on_targets(
         checks.check_pose_convention(problem, solution)
         checks.check_pose_pairing(problem, solution)
     notes = checks.swapped_pose_notes(problem, solution)
-    condition = _check_condition(T_b_f, solution, R_guess)
+    condition, advice = _condition_and_advice(T_b_f, solution, R_guess)
     residuals = checks.sample_residuals(problem.names, estimate, solution.settled)
     excess = checks.check_residuals(estimate, residuals)
     covariance = excess**2 * estimate.covariance
-    checks.check_result_certainty(covariance[:6, :6])
+    checks.check_result_certainty(covariance[:6, :6], advice)
     closed_form = None
     if touched is not None and len(targets) == 1:
         closed_form = solve_closed_form(stack_lines(T_b_f, targets[0].fits), touched.plane)
@@ -132,19 +132,28 @@ def _check_radius(targets: Targets, solution: SensorSolution) -> MeasuredRadius:
     return MeasuredRadius(radius, sigma, stated)
 
 
-def _check_condition(T_b_f: Array, solution: SensorSolution, R_guess: Array | None) -> float:
-    """Condition number; refuses profiles that leave the sensor's pose open."""
+def _condition_and_advice(
+    T_b_f: Array, solution: SensorSolution, R_guess: Array | None
+) -> tuple[float, str]:
+    """Condition number, and what makes the sensor's pose more certain.
+
+    Raises
+    ------
+    CalibrationRefused
+        If tilts that are all alike leave the height of an unknown plane open.
+    """
     estimate, models = solution.estimate, solution.model.models
     first = models[0]
     if len(models) > 1 or not isinstance(first, PlaneModel):
-        return checks.check_scaled_condition(estimate)
-    plane = first.target.boxplus(estimate.target)
+        advice = "see the target from more directions and at different heights"
+        return checks.scaled_condition(estimate.covariance[:6, :6]), advice
+    plane, R = first.target.boxplus(estimate.target), estimate.T_f_s[:3, :3]
     u_f = plane.u @ T_b_f[estimate.used, :3, :3]
-    equations = rotation_equations(first.lines, plane.u)[estimate.used]
-    condition = checks.check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
     if not first.target.is_place_known:
-        checks.check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
-    return condition
+        checks.check_tilts_vary(u_f, R)
+    equations = rotation_equations(first.lines, plane.u)[estimate.used]
+    condition = checks.rotation_condition(equations)
+    return condition, checks.advise_further_tilts(condition, u_f, R, R_guess)
 
 
 def _target_fields(solution: SensorSolution) -> dict[str, Any]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from io import StringIO
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +17,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array, pose
 from tjscan.laser.files.format import METRES_PER_UNIT, explain_unreadable_table
-from tjscan.laser.files.read import PROFILE_COLUMNS
+from tjscan.laser.files.read import PROFILE_COLUMNS, TextTable, parse_text_table
 from tjscan.laser.profile import Profile
 
 QUATERNION_NORM_TOLERANCE: Final = 0.01
@@ -94,6 +92,8 @@ ORIENTATION_CONVENTIONS: Final = (
 )
 """Distinguished by the names of their columns."""
 
+_MARKED_HEADER: Final = re.compile(r"^\s*#\s*(?=.*\bx\w*[\s,;]+y)", re.MULTILINE | re.IGNORECASE)
+"""The mark of a comment before the names of columns."""
 _FANUC_POSITION: Final = re.compile(r"P\[(\d+)[^\]]*\]\s*\{(.*?)\}\s*;", re.DOTALL)
 _FANUC_GROUP: Final = re.compile(r"GP\d+\s*:")
 _FANUC_FRAMES: Final = re.compile(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)")
@@ -236,21 +236,21 @@ def read_flange_poses(file: Path) -> FlangePoseList:
             read, convention = program
             poses = read(_read_text(file, errors="replace"))
             return FlangePoseList(poses, all(map(str.isdigit, poses)), convention.meaning)
-        names, rows = _read_table(file)
+        names, table = _read_table(file)
         convention, orientation = _find_orientation_columns(names)
         position = _find_position_columns(names, convention.length_unit)
         joints = _find_joint_columns(names)
         key_at = next((names.index(name) for name in PROFILE_COLUMNS if name in names), None)
         found = FlangePoseList({}, key_at is not None, convention.meaning)
-        for number, row in enumerate(rows, start=1):
+        for number, (_, row) in enumerate(table.rows, start=1):
             key = str(number) if key_at is None else _normalise_number(row[key_at])
             if key in found.T_b_f:
                 raise ValueError(f"{names[key_at or 0]} {key} is there twice")
             try:
-                p, values = _values_of_row(row, position), _values_of_row(row, orientation)
+                p, values = (_values_of_row(table, row, at) for at in (position, orientation))
                 found.T_b_f[key] = pose(convention.matrix(values), p)
                 if joints:
-                    found.q[key] = _values_of_row(row, joints)
+                    found.q[key] = _values_of_row(table, row, joints)
             except ValueError as error:
                 raise ValueError(f"pose {number}: {error}") from None
     return found
@@ -265,10 +265,10 @@ def read_points_in_base_frame(file: Path) -> Array:
         As `read_flange_poses` does.
     """
     with explain_unreadable_table(file):
-        names, rows = _read_table(file)
+        names, table = _read_table(file)
         columns = _find_position_columns(names)
         try:
-            return np.array([_values_of_row(row, columns) for row in rows])
+            return np.array([_values_of_row(table, row, columns) for _, row in table.rows])
         except ValueError as error:
             raise ValueError(f"is no table of numbers: {error}") from None
 
@@ -316,19 +316,19 @@ def _read_text(file: Path, errors: str = "strict") -> str:
     return read_small_file(file, MAX_POSE_LIST_BYTES, "a list of poses").decode("utf-8-sig", errors)
 
 
-def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
-    """Lower-case names of the header, and rows of as many cells."""
-    table = csv.reader(StringIO(_read_text(file), newline=""))
-    rows = [row for row in table if any(cell.strip() for cell in row)]
-    if len(rows) < 2:
+def _read_table(file: Path) -> tuple[list[str], TextTable]:
+    """Lower-case names of the header, and the rows below it, of as many cells."""
+    table = parse_text_table(_MARKED_HEADER.sub("", _read_text(file), count=1))
+    if len(table.rows) < 2:
         raise ValueError("holds nothing below a header")
-    names = [cell.strip().lstrip("# ").lower() for cell in rows[0]]
-    for number, row in enumerate(rows[1:], start=1):
+    (_, header), *rows = table.rows
+    names = [cell.lower() for cell in header]
+    for number, (_, row) in enumerate(rows, start=1):
         if len(row) != len(names):
             raise ValueError(
                 f"row {number} below the header has {len(row)} columns, the header {len(names)}"
             )
-    return names, rows[1:]
+    return names, replace(table, rows=tuple(rows))
 
 
 def _find_position_columns(names: Sequence[str], unit: str = "") -> Columns:
@@ -376,13 +376,15 @@ def _find_joint_columns(names: Sequence[str]) -> Columns:
     return found
 
 
-def _values_of_row(row: Sequence[str], columns: Columns) -> Array:
+def _values_of_row(table: TextTable, row: Sequence[str], columns: Columns) -> Array:
     """Numbers of a row in SI units."""
-    values = np.array([scale * float(row[k]) for k, scale in columns])
-    for (k, _), value in zip(columns, values, strict=True):
-        if not math.isfinite(value):
-            raise ValueError(f"{row[k].strip()!r} is no finite number")
-    return values
+    values = []
+    for k, scale in columns:
+        value = table.parse_number(row[k])
+        if value is None or not math.isfinite(value):
+            raise ValueError(f"{row[k]!r} is no finite number")
+        values.append(scale * value)
+    return np.array(values)
 
 
 def _normalise_number(cell: str) -> str:

@@ -258,11 +258,22 @@ def _read_e57(path: Path) -> FileContent:
     return np.concatenate(points), None, ("m", "its standard")
 
 
+_DECIMAL_COMMAS: Final = re.compile(r"\s*(?:[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s+){3}")
+"""Three numbers between blanks; between commas alone these would be six."""
+
+
 def _read_xyz(path: Path) -> FileContent:
-    """Three numbers per line, and more that don't matter; separated by spaces, commas or both."""
+    """Three numbers per line, and more that don't matter; separated by spaces, commas or both.
+
+    Between semicolons, and in numbers that blanks separate, a comma is the decimal one.
+    """
     mesh_files.check_memory_to_read(path)
     with path.open(encoding="utf-8") as stream:
-        lines = (line.replace(",", " ").replace(";", " ") for line in stream)
+        lines = (
+            line.replace(",", "." if ";" in line or _DECIMAL_COMMAS.match(line) else " ")
+            for line in stream
+        )
+        lines = (line.replace(";", " ") for line in lines)
         return np.loadtxt(lines, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")), None, None
 
 
@@ -274,7 +285,8 @@ def _read_csv(path: Path) -> FileContent:
         head = next((line for line in lines if not line.startswith("#")), "")
         if len(head) > mesh_files.LONGEST_HEADER_LINE:
             raise ConfigurationError("its first line is far too long for a header", file=path)
-        names = [name.strip().lower() for name in next(csv.reader([head]), [])]
+        mark = ";" if ";" in head else ","
+        names = [name.strip().lower() for name in next(csv.reader([head], delimiter=mark), [])]
         unit_words = "|".join(METRES_PER_UNIT)
         places, units = [], set()
         for axis in "xyz":
@@ -287,7 +299,8 @@ def _read_csv(path: Path) -> FileContent:
             units.add(found[0][1])
         if len(units) > 1:
             raise ConfigurationError("its columns are in different units", file=path)
-        values = np.loadtxt(stream, delimiter=",", usecols=places, ndmin=2)
+        rows = stream if mark == "," else (line.replace(",", ".") for line in stream)
+        values = np.loadtxt(rows, delimiter=mark, usecols=places, ndmin=2)
     unit = units.pop()
     return values, None, None if unit is None else (unit, "the names of its columns")
 

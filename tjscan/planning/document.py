@@ -512,6 +512,35 @@ BEAD_COLUMNS: Final[Mapping[str, Callable[[BeadEntry], str]]] = {
 """Columns of the table of beads that the page and the terminal show."""
 
 
+def out_of_wps_rows(plan: PlanDocument) -> list[tuple[str, ...]]:
+    """What is out of the WPS, a row a key, in the order of `OUT_OF_WPS_HEAD`."""
+    keys = dict.fromkeys(one.key for one in plan.out_of_wps)
+    rows: list[tuple[str, ...]] = []
+    for key in keys:
+        found = [one for one in plan.out_of_wps if one.key == key]
+        beads, texts = (
+            list(dict.fromkeys(str(getattr(one, name)) for one in found))
+            for name in ("bead", "text")
+        )
+        more = [f"and {len(texts) - MOST_TEXTS} more"] if len(texts) > MOST_TEXTS else []
+        begin, end = min(one.begin_mm for one in found), max(one.end_mm for one in found)
+        rows.append(
+            (
+                key,
+                ", ".join(beads),
+                f"{begin:.0f} to {end:.0f}",
+                f"{100 * max(one.share for one in found):.0f} %",
+                "; ".join([*texts[:MOST_TEXTS], *more]),
+            )
+        )
+    return rows
+
+
+OUT_OF_WPS_HEAD: Final = ("key", "beads", "s / mm", "of a bead at most", "what")
+MOST_TEXTS: Final = 4
+"""Of one key that are listed; plan.json has all."""
+
+
 def bead_rows(plan: PlanDocument) -> list[tuple[str, ...]]:
     """Words of each bead, in the order of `BEAD_COLUMNS`."""
     return [tuple(word(bead) for word in BEAD_COLUMNS.values()) for bead in plan.beads]

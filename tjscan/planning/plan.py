@@ -46,6 +46,23 @@ class WpsFinding:
     text: str
 
 
+def number_beside(value: float, *limits: float) -> str:
+    """A number, rounded so that it stays on the side of each limit that it is on."""
+    for digits in range(3, 18):
+        text = f"{value:.{digits}g}"
+        rounded = float(text)
+        if all(
+            (rounded > one) == (value > one) and (rounded < one) == (value < one) for one in limits
+        ):
+            break
+    return text
+
+
+def span_beside(least: float, most: float, *limits: float) -> str:
+    """Two numbers from where to where, each as `number_beside` has it."""
+    return f"{number_beside(least, *limits)} to {number_beside(most, *limits)}"
+
+
 def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFinding]:
     """What of a bead is out of the WPS.
 
@@ -65,11 +82,12 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     )
     for name, unit, values, (low, high) in checks:
         out = (values < low * (1 - LIMIT_TOLERANCE)) | (values > high * (1 + LIMIT_TOLERANCE))
-        low, high, least, most = (x / unit.factor for x in (low, high, values.min(), values.max()))
-        text = f"{least:.4g} to {most:.4g}, allowed {low:g} to {high:g}"
+        low, high, *found = (x / unit.factor for x in (low, high, values.min(), values.max()))
+        text = f"{span_beside(*found, low, high)}, allowed {low:g} to {high:g}"
         yield from _findings_at(bead, f"{name}_{unit.suffix}", out, text)
     out = bead.width > wps.bead.weave_limit * (1 + LIMIT_TOLERANCE)
-    text = f"{1e3 * bead.width.max():.1f} wide, allowed {1e3 * wps.bead.weave_limit:g}"
+    limit = 1e3 * wps.bead.weave_limit
+    text = f"{number_beside(1e3 * bead.width.max(), limit)} wide, allowed {limit:g}"
     yield from _findings_at(bead, "bead.weave_limit_mm", out, text)
     out = ~np.isin(bead.positions, wps.sequence.positions)
     names = sorted(set(np.array(bead.positions)[out].tolist()))
@@ -94,10 +112,12 @@ def findings_of_stops(
         Its windows.
     """
     spread, apart = wps.sequence.start_spread, 1e3 * wps.sequence.start_spread
+    clear = 1e3 * wps.sequence.stop_distance
     seen: dict[tuple[int, str, int, int], list[float]] = {}
     for bead in beads:
         if bead.length < wps.sequence.shortest_bead * (1 - LIMIT_TOLERANCE):
-            text = f"{1e3 * bead.length:.0f}, allowed {1e3 * wps.sequence.shortest_bead:g} or more"
+            least = 1e3 * wps.sequence.shortest_bead
+            text = f"{number_beside(1e3 * bead.length, least)}, allowed {least:g} or more"
             whole = np.ones(len(bead.s), dtype=bool)
             yield from _findings_at(bead, "sequence.shortest_bead_mm", whole, text)
         for end, at in enumerate((float(bead.s.min()), float(bead.s.max()))):
@@ -106,14 +126,15 @@ def findings_of_stops(
                 continue
             near = stops.distance_to_nearest_landmark(at)
             if near < wps.sequence.stop_distance - SHORTEST_SPAN:
-                text = f"a stop {1e3 * near:.0f} from crown or saddle"
+                text = f"a stop {number_beside(1e3 * near, clear)} from crown or saddle"
                 yield from _findings_at(bead, "sequence.stop_distance_mm", bead.s == at, text)
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
             away = min((stops.length_between(at, other) for other in below), default=spread)
             if away < spread - SHORTEST_SPAN:
-                text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
+                gone = number_beside(1e3 * away, apart)
+                text = f"a stop {gone} from that of the layer below, {apart:g} asked for"
                 yield from _findings_at(bead, "sequence.start_spread_mm", bead.s == at, text)
 
 
@@ -134,8 +155,8 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
     if out.any():
         at, widths = root.s[out], 1e3 * opening[out]
         ends, share = (float(at.min()), float(at.max())), float(out.sum() / open_at.sum())
-        span = f"{widths.min():.2f} to {widths.max():.2f}"
-        text = f"{span}, allowed {1e3 * low:g} to {1e3 * high:g}"
+        low, high = 1e3 * low, 1e3 * high
+        text = f"{span_beside(widths.min(), widths.max(), low, high)}, allowed {low:g} to {high:g}"
         yield WpsFinding("root.opening_mm", 1, *ends, share, text)
 
 

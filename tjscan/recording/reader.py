@@ -407,6 +407,15 @@ def count_messages(file: Path) -> int:
     return count
 
 
+def when_recording_began(file: Path) -> datetime | None:
+    """When the first message of a recording was taken, UTC; None if there is none to read."""
+    with file.open("rb") as stream, suppress(ValueError):
+        for record in read_mcap_records(stream, lambda _: None):
+            if isinstance(record, Message):
+                return datetime.fromtimestamp(1e-9 * record.log_time, UTC)
+    return None
+
+
 def read_header(file: Path) -> RecordingHeader | None:
     """Read the header of a recording; None if the file was cut off before it.
 

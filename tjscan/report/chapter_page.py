@@ -13,14 +13,12 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from tjscan.core.provenance import Provenance
 from tjscan.report import picture
+from tjscan.report.clock import EventClock
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
 
 MOST_COLOURS: Final = 10
 """Lines of one chart that have colours of their own; of more, the colours follow their order."""
-
-NARROW_CHART_SIZE: Final = (4.6, 3.2)
-"""Inches of a chart that has others beside it."""
 
 
 def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> str:
@@ -40,26 +38,24 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
     head = Provenance.for_file_written_now(job_label_of_run(directory), frame)
     return picture.load_template("chapter.html.jinja").render(
         title=chapter.sheet.title if chapter.sheet else "Run" if said else title,
-        sheet=chapter.sheet,
+        sheet=chapter.sheet is not None,
+        headline=chapter.headline,
         name=name,
         findings=chapter.findings,
         facts=[(key, value) for key, value in chapter.facts if value.strip(" ,")],
         moving=chapter.animation,
         animation=None if chapter.animation is None else chapter.animation.as_json(),
-        pictures=list(draw_chapter_charts(chapter.charts, narrow=chapter.sheet is not None)),
-        events=chapter.events[: picture.MOST_LISTED_EVENTS],
+        pictures=list(draw_chapter_charts(chapter.charts)),
+        clock=EventClock.of_run(directory, chapter.events),
         provenance=head.header_entries,
     )
 
 
-def draw_chapter_charts(
-    charts: tuple[ReportChart, ...], *, narrow: bool = False
-) -> Iterator[picture.ReportPicture]:
-    """Draw charts, the lines of one title together; `narrow` ones are beside each other."""
+def draw_chapter_charts(charts: tuple[ReportChart, ...]) -> Iterator[picture.ReportPicture]:
+    """Draw charts, the lines of one title together."""
     for title, lines in _charts_by_title(charts).items():
-        size = NARROW_CHART_SIZE if narrow else (12, 5.5 if lines[0].plane else 3.6)
-        figure = picture.new_figure(*size)
-        _draw_charts_of_one_title(figure.add_subplot(), lines)
+        (figure,), (axes,) = picture.new_panels(1)
+        _draw_charts_of_one_title(axes, lines)
         yield picture.inline_figure(figure, title[:1].upper() + title[1:], lines[0].caption)
 
 
@@ -73,9 +69,9 @@ def draw_sheet_picture(chapter: ReportChapter) -> Figure:
     """
     charts = _charts_by_title(chapter.charts)
     wide = max(len(charts), 1)
-    figure = picture.new_figure(NARROW_CHART_SIZE[0] * wide, 1.3 * NARROW_CHART_SIZE[1])
+    figure = picture.new_figure(picture.PANEL_SIZE[0] * wide, 1.3 * picture.PANEL_SIZE[1])
     if chapter.sheet is not None:
-        texts = [f"{name}: {value}" for name, value in chapter.sheet.headline]
+        texts = [f"{one.meaning}: {one.value}" for one in chapter.headline]
         rows = [", ".join(texts[k : k + wide]) for k in range(0, len(texts), wide)]
         figure.suptitle("\n".join((chapter.sheet.title, *rows)), fontsize=10, parse_math=False)
     panels = figure.subplots(1, wide, squeeze=False)[0]
@@ -117,5 +113,6 @@ def _draw_charts_of_one_title(axes: Any, lines: list[ReportChart]) -> None:
         axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set(xlabel=lines[0].x_label, ylabel=lines[0].y_label)
     axes.grid(alpha=0.3)
+    picture.keep_outliers_off(axes, *(chart.y for chart in lines if not chart.plane))
     if any(chart.line for chart in lines):
-        axes.legend(fontsize=8, ncols=4)
+        picture.add_legend_below(axes)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import cycle
-from math import ceil
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
@@ -32,6 +32,9 @@ from tjscan.result.wireframe import joint_wireframe
 DESIGN_LINE_STYLE: Final[dict[str, Any]] = {"color": "#d62728", "linestyle": "--", "linewidth": 1}
 STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 """Of stations that are drawn together."""
+
+CORNER_COLOURS: Final = (CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)
+"""Of p2, p3 and p4."""
 
 MOST_PICTURE_BYTES: Final = 1_000_000
 """A larger picture of stations would make the report too large to send."""
@@ -88,29 +91,26 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
     order = np.argsort(x)
     x, sections = x[order], [data.sections[k] for k in order]
     design = None if data.joint is None else designed_measures(sections, data.joint)
-    figure = picture.new_figure(12, 7)
-    panels = figure.subplots(2, 2, sharex=True)
-    for k, (axes, (field, y, sigma)) in enumerate(
-        zip(panels.flat, result_section.measure_columns(sections), strict=True)
-    ):
+    columns = list(result_section.measure_columns(sections))
+    figures, panels = picture.new_panels(len(columns))
+    for k, (axes, (field, y, sigma)) in enumerate(zip(panels, columns, strict=True)):
         band = BAND_SIGMAS * sigma
         axes.fill_between(x, y - band, y + band, color=LASER_COLOUR, alpha=0.3, linewidth=0)
         picture.draw_line_with_dots(axes, x, y, LASER_COLOUR, "measured", linewidth=1)
         if design is not None:
             drawn = design[:, k] / field.unit.factor
             axes.plot(x, drawn, **DESIGN_LINE_STYLE, label="as designed")
-        axes.set_ylabel(field.chart_title)
+        axes.set(xlabel=label, ylabel=field.chart_title)
         axes.grid(alpha=0.3)
-    for axes in panels[-1]:
-        axes.set_xlabel(label)
-    panels[0, 0].legend(fontsize=8)
+        picture.keep_outliers_off(axes, y, y - band, y + band)
+    picture.add_legend_below(panels[0])
     designed = "" if design is None else " Dashed: the joint as designed, cut by the same planes."
     every = (
         (field, field.values_in_file_units(sections)) for field in result_section.MEASURE_FIELDS
     )
     ranges = (f"{field.chart_title} {y.min():.1f} to {y.max():.1f}" for field, y in every)
     return picture.inline_figure(
-        figure,
+        figures,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND_SIGMAS:g} standard "
         f"deviations. If the root is not seen, only the angle is known.{designed}",
@@ -131,10 +131,8 @@ def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
     titles = list(dict.fromkeys(chart.title for _, chart in charts))
     if not titles:
         return None
-    rows = ceil(len(titles) / 2)
-    figure = picture.new_figure(12, 3 * rows)
-    panels = figure.subplots(rows, 2, squeeze=False)
-    for axes, title in zip(panels.flat, titles, strict=False):
+    figures, panels = picture.new_panels(len(titles))
+    for axes, title in zip(panels, titles, strict=True):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
         for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
             picture.draw_line_with_dots(axes, chart.x, chart.y, colour, name)
@@ -144,13 +142,11 @@ def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
             axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
         axes.set_title(title, fontsize=10)
         axes.grid(alpha=0.3)
-    for axes in panels.flat[len(titles) :]:
-        axes.set_axis_off()
+        picture.keep_outliers_off(axes, *(chart.y for _, chart in lines))
     if len(data.places) > 1:
-        for text in panels.flat[0].legend(fontsize=8).get_texts():
-            text.set_parse_math(False)
+        picture.add_legend_below(panels[0])
     return picture.inline_figure(
-        figure,
+        figures,
         "How the scan went",
         "Dashed: as asked; the first step is the taught one.",
         f"Charts of {', '.join(titles)} over the sections.",
@@ -167,22 +163,21 @@ def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
     x, label = places_along_groove(data)
     order = np.argsort(x)
     distances = 1e3 * found[0].reshape(-1, 3)[order]
-    figure = picture.new_figure(12, 3)
-    axes = figure.add_subplot()
-    for k, colour in enumerate((CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)):
-        name = f"$p_{k + 2}$"
-        picture.draw_line_with_dots(axes, x[order], distances[:, k], colour, name, linewidth=1)
-    if (tolerance := data.comparison.tolerance) is not None:
-        axes.axhline(1e3 * tolerance, **DESIGN_LINE_STYLE, label="tolerance")
-    axes.set_ylim(bottom=0)
-    axes.set(xlabel=label, ylabel="distance / mm")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, ncols=4)
+    figures, panels = picture.new_panels(3, picture.SMALL_PANEL_SIZE)
+    for k, (axes, colour) in enumerate(zip(panels, CORNER_COLOURS, strict=True)):
+        name, y = f"p{k + 2}", distances[:, k]
+        picture.draw_line_with_dots(axes, x[order], y, colour, name, linewidth=1)
+        if (tolerance := data.comparison.tolerance) is not None:
+            axes.axhline(1e3 * tolerance, **DESIGN_LINE_STYLE)
+        picture.keep_outliers_off(axes, y)
+        axes.set_ylim(bottom=0)
+        axes.set(xlabel=label, ylabel="distance / mm", title=name)
+        axes.grid(alpha=0.3)
     return picture.inline_figure(
-        figure,
+        figures,
         "Corners and the designed edges",
         "Distance of the top of the bevel (p2) and the two corners of the root (p3, p4) from where "
-        "the design has them; it has no sign.",
+        "the design has them; it has no sign. Dashed: the tolerance, if there is one.",
         f"Chart of these distances: {np.nanmean(distances):.2f} mm in the mean, "
         f"{np.nanmax(distances):.2f} mm at most.",
         vector=True,
@@ -201,13 +196,16 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
     x, label = places_along_groove(data)
     if data.unwrapped_azimuths is not None:
         x = x / DEGREES_PER_HOUR
-        label = "clock position / h: 0 (12 o'clock) at the crown, 3 at azimuth 90°"
+        label = "clock position, 12 at the crown"
     order = np.argsort(x)
     x, sections = x[order], [data.sections[k] for k in order]
     tacked = np.array([TACK_WELD in section.conditions for section in sections])
-    figure = picture.new_figure(12, 3 if data.joint is None else 5.5)
-    panels = figure.subplots(1 if data.joint is None else 2, 1, sharex=True, squeeze=False)[:, 0]
+    figures, panels = picture.new_panels(1 if data.joint is None else 2)
     for axes in panels:
+        axes.set_xlabel(label)
+        if data.unwrapped_azimuths is not None:
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=(1, 3, 6, 10)))
+            axes.xaxis.set_major_formatter(lambda hour, _: f"{round(hour - 1) % 12 + 1}")
         _shade_tack_welds(axes, x, tacked)
         axes.grid(alpha=0.3)
     opening = 1e3 * np.array([section.root_opening for section in sections])
@@ -227,7 +225,6 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
                 x, y, bars, linewidth=1, color=colour, label=name, **picture.LINE_WITH_DOTS_STYLE
             )
     panels[0].set_ylabel("root / mm")
-    panels[0].set_ylim(bottom=0)
     high_low = ""
     if data.joint is not None:
         every = section_dimensions(sections, data.joint)
@@ -240,13 +237,15 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
             picture.draw_line_with_dots(panels[1], x, off, colour, shown)
         panels[1].axhline(0, color="grey", linewidth=0.8)
         panels[1].set_ylabel("high-low / mm")
+        picture.keep_outliers_off(panels[1], *(line.get_ydata() for line in panels[1].lines[:2]))
         high_low = " High-low: how far the tubes are off their drawn places, positive outwards."
+    picture.keep_outliers_off(panels[0], opening, width)
+    panels[0].set_ylim(bottom=0)
     for axes in panels:
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(fontsize=8, ncols=3)
-    panels[-1].set_xlabel(label)
+            picture.add_legend_below(axes)
     return picture.inline_figure(
-        figure,
+        figures,
         "Fit-up, unrolled",
         f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections are on one. Bars are "
         f"± {BAND_SIGMAS:g} standard deviations.{high_low}",

@@ -39,11 +39,14 @@ class StationRunData:
         What was found there, in a few numbers.
     chapters : tuple of ReportChapter
         What each algorithm reports on it.
+    directory : Path
+        Its run directory.
     """
 
     name: str
     summary: ScanSummary
     chapters: tuple[ReportChapter, ...]
+    directory: Path
 
     @property
     def facts(self) -> dict[str, str]:
@@ -172,7 +175,9 @@ def read_report_data(
     for name, folder in folders.items():
         if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file():
             chapters = tuple(task.load("chapter")(folder) for task in ALL_TASKS)
-            places.append(StationRunData(name, read_summary(folder / SUMMARY_FILE), chapters))
+            places.append(
+                StationRunData(name, read_summary(folder / SUMMARY_FILE), chapters, folder)
+            )
     run = directory, summary, sections, shape, tuple(places)
     joint = None if file is None else read_joint(file)
     return ReportData(*run, joint, comparison, stitching, caveats)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
 from tjscan.comparison.compare import Comparison
 from tjscan.groove.section import FROM_NEIGHBOURS
 from tjscan.report.data import ReportData
+from tjscan.result.chapter import HeadlineNumber, verdict_on
 from tjscan.result.directory import JOINT_FILE
 from tjscan.result.summary import LOOP_OPEN_TEXT, StitchingReport
 
@@ -154,22 +154,6 @@ def _uncertain_corner_findings(data: ReportData) -> Iterator[str]:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class HeadlineNumber:
-    """A number of the headline: its text, what it means, and whether that is good or bad.
-
-    Parameters
-    ----------
-    value, meaning : str
-    judged : str
-        ``good``, ``bad`` or nothing.
-    """
-
-    value: str
-    meaning: str
-    judged: Literal["", "good", "bad"] = ""
-
-
 def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
     """Give the headline's numbers: the deviation if there is one, then the groove itself.
 
@@ -193,11 +177,8 @@ def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
         f"{summary.groove_length_mm:.0f} mm of groove",
         f"{summary.sections} sections, {describe_coverage(data)}",
     )
-    yield HeadlineNumber(
-        "complete" if summary.complete else "not complete",
-        f"the scan did {'' if summary.complete else 'not do '}what was asked",
-        "good" if summary.complete else "bad",
-    )
+    did = "did" if summary.complete else "did not do"
+    yield verdict_on(summary.complete, f"the scan {did} what was asked")
     if summary.uncertainty is not None:
         corner = summary.uncertainty.combined.corner_mm
         yield HeadlineNumber(f"± {corner:.2f} mm", "standard uncertainty of a corner's place")

@@ -56,6 +56,8 @@ def write_plan_page(directory: Path) -> Path:
     page = picture.load_template("plan.html.jinja").render(
         plan=plan,
         beads=list(document.bead_rows(plan)),
+        out_of_wps=document.out_of_wps_rows(plan),
+        out_of_wps_head=document.OUT_OF_WPS_HEAD,
         bead_head=tuple(document.BEAD_COLUMNS),
         pictures=[filled, draw_welding_positions(courses)],
         provenance=plan.provenance.header_entries,
@@ -77,7 +79,7 @@ def draw_welding_positions(courses: Sequence[document.BeadCourse]) -> picture.Re
             seen.add(name)
     for name in sorted(seen):
         axes.barh(np.nan, 0, color=WELDING_POSITION_COLOURS[name], label=name)
-    axes.set_yticks([bead.number for bead in courses])
+    axes.set_yticks(sorted({bead.number for bead in courses}))
     axes.invert_yaxis()
     axes.set(xlabel="s / mm", ylabel="bead")
     axes.legend(ncols=len(seen), fontsize="small", loc="lower right", bbox_to_anchor=(1, 1))

@@ -13,7 +13,7 @@ from tjscan.groove.read import read_groove_with_fit
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.report.data import ReportData, StationRunData
-from tjscan.report.picture import ReportPicture, inline_figure, new_figure
+from tjscan.report.picture import SMALL_PANEL_SIZE, ReportPicture, inline_figure, new_panels
 from tjscan.result.picture import CORNER_COLOUR, LASER_COLOUR, ROOT_COLOUR
 
 MOST_PROFILES_SHOWN: Final = 6
@@ -32,21 +32,16 @@ def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
     chosen = _evenly_chosen_profiles(data)
     if not chosen:
         return None
-    columns = 3
-    rows = -(-len(chosen) // columns)
-    figure = new_figure(12, 3.7 * rows)
-    for i, (section, place, profile, settings) in enumerate(chosen, start=1):
-        axes = figure.add_subplot(rows, columns, i)
+    figures, panels = new_panels(len(chosen), SMALL_PANEL_SIZE)
+    for axes, (section, place, profile, settings) in zip(panels, chosen, strict=True):
         where = "" if np.isnan(section.azimuth) else f", {np.degrees(section.azimuth):.0f}°"
         at = "" if len(data.places) == 1 else f"{place.name}, "
         found = ", ".join((f"rms {1e3 * section.rms:.3f} mm", *section.conditions))
-        title = f"{at}section {section.index}{where}, {found}"
-        axes.set_title(title, fontsize=10, parse_math=False)
+        title = f"{at}section {section.index}{where}\n{found}"
+        axes.set_title(title, fontsize=8, parse_math=False)
         _draw_fitted_profile(axes, profile, settings, section.absent)
-        if i == 1:
-            axes.legend(loc="best", fontsize=8, markerscale=3)
     return inline_figure(
-        figure,
+        figures,
         "Profiles and what was read in them",
         "Each picture looks along the groove, brace above and leg below: points that the fit rests "
         "on are blue, those left out as ghosts, flyers or noise orange; lines are the fitted "

@@ -14,10 +14,11 @@ from tjscan.core.provenance import FRAME_DESCRIPTIONS, Provenance
 from tjscan.joint.definition import JointDefinition
 from tjscan.report import charts, findings
 from tjscan.report.chapter_page import draw_sheet_picture, render_chapter_page
+from tjscan.report.clock import EventClock
 from tjscan.report.data import ReportData, read_report_data, station_folders
 from tjscan.report.dimensions import fit_up_table
 from tjscan.report.drawings import draw_sections
-from tjscan.report.picture import MOST_LISTED_EVENTS, load_template
+from tjscan.report.picture import load_template
 from tjscan.report.profiles import draw_fitted_profiles
 from tjscan.report.view3d import groove_view_data
 from tjscan.result.chapter import ReportChapter, ReportSheet
@@ -56,8 +57,10 @@ def render_report_page(data: ReportData) -> str:
     folders = (data.directory, *station_folders(data.directory, stitching).values())
     provenance = Provenance.for_file_written_now(job_label_of_run(*folders), data.summary.frame)
     several = len(data.places) > 1
+    clocks = [
+        EventClock.of_run(one.directory, one.events, several * one.name) for one in data.places
+    ]
     scans = [(place.name, place.summary) for place in data.places if several]
-    events = [(place.name, event) for place in data.places for event in place.events]
     method = "none" if comparison is None else comparison.alignment.method
     return load_template("report.html.jinja").render(
         name=data.directory.resolve().name,
@@ -77,7 +80,7 @@ def render_report_page(data: ReportData) -> str:
         compared_with="" if comparison is None else findings.name_of_reference(comparison),
         aligned_by=ALIGNMENT_METHOD_TEXTS[method],
         scans=[*scans, ("all" if several else "scan", data.summary)],
-        events=events[:MOST_LISTED_EVENTS],
+        clocks=clocks,
         stitching=stitching,
         measures=_measure_rows(data),
         provenance=provenance.header_entries,

@@ -154,16 +154,34 @@ class ReportChart:
     log_y: bool = False
 
 
+Judgement = Literal["", "good", "bad"]
+"""Of a number: whether it is as it should be, if that can be said."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeadlineNumber:
+    """A number of the headline: its text, what it means, and whether that is good or bad.
+
+    Parameters
+    ----------
+    value, meaning : str
+    judged : str
+        ``good``, ``bad`` or nothing.
+    """
+
+    value: str
+    meaning: str
+    judged: Judgement = ""
+
+
 @dataclass(frozen=True, slots=True)
 class ReportSheet:
-    """What makes the page of a chapter a single sheet that begins with the numbers asked for.
+    """What makes the page of a chapter a single sheet.
 
     Parameters
     ----------
     title : str
         What kind of page it is.
-    headline : tuple of (str, str)
-        Name and value of each number asked for.
     picture : str
         Name of the file, beside the page, that holds its charts as one picture.
     frame : str
@@ -171,7 +189,6 @@ class ReportSheet:
     """
 
     title: str
-    headline: tuple[tuple[str, str], ...]
     picture: str
     frame: str
 
@@ -190,6 +207,8 @@ class ReportChapter:
         How it went.
     events : tuple of RunEvent
         In their order.
+    headline : tuple of HeadlineNumber
+        What its page begins with: the verdict, and the numbers asked for.
     sheet : ReportSheet or None
         If its page is a single sheet.
     animation : PlaneAnimation or None
@@ -204,10 +223,18 @@ class ReportChapter:
     findings: tuple[str, ...] = ()
     charts: tuple[ReportChart, ...] = ()
     events: tuple[RunEvent, ...] = ()
+    headline: tuple[HeadlineNumber, ...] = ()
     sheet: ReportSheet | None = None
     animation: PlaneAnimation | None = None
     profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))
     settings: GrooveSettings = DEFAULT_SETTINGS
+
+
+def verdict_on(complete: bool, meaning: str) -> HeadlineNumber:
+    """Whether a run did all that was asked, as the first of its headline."""
+    return HeadlineNumber(
+        "complete" if complete else "not complete", meaning, "good" if complete else "bad"
+    )
 
 
 class ChapterWriter(Protocol):

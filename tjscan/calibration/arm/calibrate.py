@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import chdtri
 
+from tjscan.calibration.checks import scaled_condition
 from tjscan.calibration.file import FILE_UNITS_PER_SI, ArmKinematicsEntry, rows_in_file_units
 from tjscan.calibration.result import HandEyeCalibration, SampleResidual
 from tjscan.calibration.solve import refine
@@ -514,14 +515,12 @@ def as_hand_eye_calibration(
         held_out_before_mm=1e3 * found.error_before,
         held_out_after_mm=1e3 * found.error_after,
     )
-    covariance = found.covariance[:6, :6]
-    sigma = np.sqrt(np.diag(covariance))  # the condition counts in units of each one's certainty
     return HandEyeCalibration(
         estimate.T_f_s,
         found.covariance,
         ARM_CALIBRATION_METHOD,
         _residuals_of_profiles(found, names),
-        float(np.sqrt(np.linalg.cond(covariance / np.outer(sigma, sigma)))),
+        scaled_condition(found.covariance[:6, :6]),
         estimate.chi2,
         estimate.dof,
         estimate.sigma_scale,

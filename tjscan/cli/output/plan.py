@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tjscan.cli.output.console import print_message, print_table
-from tjscan.planning.document import BEAD_COLUMNS, bead_rows
+from tjscan.planning.document import BEAD_COLUMNS, bead_rows, out_of_wps_rows
 from tjscan.runs.plan.run import WrittenPlan
 
 
@@ -37,11 +37,8 @@ def print_plan(done: WrittenPlan, page: Path) -> None:
             f"dihedral angle {low:.1f} to {high:.1f}°, s = {part.begin_mm:.0f} to "
             f"{part.end_mm:.0f} mm: {names}: {out}"
         )
-    for one in found.out_of_wps:
-        print(
-            f"out of the WPS: bead {one.bead}, s = {one.begin_mm:.0f} to {one.end_mm:.0f} mm: "
-            f"{one.key}: {one.text}"
-        )
+    for key, beads, span, _, text in out_of_wps_rows(found):
+        print(f"out of the WPS: {key}: bead {beads}, s = {span} mm: {text}")
     for station in found.stations:
         reached = station.reached_mm
         print(

@@ -67,18 +67,18 @@ class TextTable:
         return [self.parse_number(cell) for cell in cells]
 
 
-def read_text_table(file: Path) -> TextTable:
-    """Read a table: cells between commas, semicolons, tabs or blanks; ``#`` begins a comment.
+def parse_text_table(text: str) -> TextTable:
+    """Parse a table: cells between commas, semicolons, tabs or blanks; ``#`` begins a comment.
 
     Raises
     ------
-    UnicodeDecodeError, csv.Error, OSError
-        If it is no text, holds more than `MOST_TABLE_CELLS` cells or a line of more than
-        `LONGEST_LINE_CHARACTERS` characters, or can't be read.
+    csv.Error
+        If it holds more than `MOST_TABLE_CELLS` cells or a line of more than
+        `LONGEST_LINE_CHARACTERS` characters.
     """
     lines = [
         (number, line.split(COMMENT_MARK, 1)[0])
-        for number, line in enumerate(file.read_text(encoding="utf-8-sig").splitlines(), start=1)
+        for number, line in enumerate(text.splitlines(), start=1)
         if not line.lstrip().startswith(COMMENT_MARK)
     ]
     lines = [(number, line) for number, line in lines if line.strip(" ")]
@@ -472,4 +472,4 @@ def _read_file(file: Path, form: ProfileFormat) -> FileProfiles:
             return read_ply_profile(file, form)
         if suffix == ".npy":
             return read_npy(file, form)
-        return profiles_of_text(file, read_text_table(file), form)
+        return profiles_of_text(file, parse_text_table(file.read_text(encoding="utf-8-sig")), form)

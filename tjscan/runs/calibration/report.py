@@ -19,7 +19,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.manifest import check_files_unaltered
 from tjscan.job.files import read_calibration_job
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportSheet
+from tjscan.result.chapter import HeadlineNumber, ReportChapter, ReportChart, ReportSheet
 from tjscan.result.directory import CALIBRATION_FILE, CALIBRATION_PICTURE, JOB_FILE
 from tjscan.runs.scan.results import calibration_label
 
@@ -65,9 +65,11 @@ def calibration_page(directory: Path) -> ReportChapter:
     check_files_unaltered(directory / JOB_FILE, file)
     found = read_calibration(file)
     frame = "f" if found.T_b_s_mm is None else "b"
-    sheet = ReportSheet("Calibration", tuple(_pose_headline(found)), CALIBRATION_PICTURE, frame)
+    sheet = ReportSheet("Calibration", CALIBRATION_PICTURE, frame)
     facts, charts = tuple(_calibration_facts(found)), tuple(_calibration_charts(found))
-    return ReportChapter(facts, tuple(_calibration_findings(directory, found)), charts, sheet=sheet)
+    findings = tuple(_calibration_findings(directory, found))
+    headline = tuple(HeadlineNumber(value, what) for what, value in _pose_headline(found))
+    return ReportChapter(facts, findings, charts, headline=headline, sheet=sheet)
 
 
 def _pose_headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:

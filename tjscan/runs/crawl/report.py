@@ -17,7 +17,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipStateIndex
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.journal import REPLAY_EVENT
-from tjscan.result.chapter import ReportChapter, ReportChart
+from tjscan.result.chapter import HeadlineNumber, Judgement, ReportChapter, ReportChart, verdict_on
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 from tjscan.runs.weld.journal import SURFACE_EVENT
@@ -50,9 +50,29 @@ def crawl_chapter(directory: Path) -> ReportChapter:
     return ReportChapter(
         facts=tuple(_crawl_facts(job, found)),
         findings=tuple(_crawl_findings(job, found)),
+        headline=tuple(_crawl_headline(job, found)),
         charts=tuple(_crawl_charts(job, found)),
         events=found.events,
     )
+
+
+def _crawl_headline(job: CrawlJob, found: RecordedCrawl) -> Iterator[HeadlineNumber]:
+    whole = sum(one.is_whole(job.weld.length) for one in found.passes)
+    yield verdict_on(
+        whole == len(job.passes), f"{whole} of {len(job.passes)} passes are welded whole"
+    )
+    if not found.passes:
+        return
+    welded = 1e3 * sum(one.length for one in found.passes)
+    yield HeadlineNumber(f"{welded:.0f} mm of weld", f"in {len(found.passes)} passes")
+    known = [one for one in found.passes if len(one.torch_off)]
+    if known:
+        worst = max(one.torch_off_max for one in known)
+        judged: Judgement = "bad" if worst > LARGEST_TORCH_OFF else "good"
+        text = "the torch was beside its path at most"
+        yield HeadlineNumber(f"{1e3 * worst:.2f} mm", text, judged)
+        sigma = max(root_mean_square(one.torch_sigma) for one in known)
+        yield HeadlineNumber(f"± {1e3 * sigma:.2f} mm", "standard uncertainty of that")
 
 
 def _crawl_facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str]]:

@@ -14,10 +14,13 @@ from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import REPLAY_EVENT
 from tjscan.result.chapter import (
     AnimatedLine,
+    HeadlineNumber,
+    Judgement,
     MovingDiscs,
     PlaneAnimation,
     ReportChapter,
     ReportChart,
+    verdict_on,
 )
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.results import (
@@ -70,10 +73,31 @@ def tow_chapter(directory: Path) -> ReportChapter:
     return ReportChapter(
         facts=tuple(_tow_facts(job, outcome)),
         findings=tuple(_tow_findings(job, found, outcome)),
+        headline=tuple(_tow_headline(job, outcome)),
         charts=tuple(_tow_charts(job, found)),
         events=found.events,
         animation=_cable_animation(job, found),
     )
+
+
+def _tow_headline(job: TowJob, outcome: TowOutcome) -> Iterator[HeadlineNumber]:
+    length = 1e3 * Seam(job.seam).length
+    welded = f"{outcome.welded_mm or 0:.0f} of {length:.0f} mm of the seam are welded"
+    yield verdict_on(outcome.complete, welded if length else "the cable was led as long as asked")
+    limit = float(np.degrees(job.chain.joint_limit))
+    bend, how = outcome.bend_deg, "bent"
+    if bend is None:
+        bend, how = outcome.planned_bend_deg or 0.0, "planned to bend"
+    judged: Judgement = "good" if bend <= limit else "bad"
+    yield HeadlineNumber(f"{bend:.1f}°", f"a joint is {how} at most; {limit:.1f}° may be", judged)
+    if outcome.touches is not None:
+        yield HeadlineNumber(
+            f"{outcome.touches} touches",
+            "of cable, vehicles, walls and what is about",
+            "bad" if outcome.touches else "good",
+        )
+    if outcome.objective is not None:
+        yield HeadlineNumber(f"{outcome.objective:.2f} of 100", "objective f of the paper, mean")
 
 
 def _tow_facts(job: TowJob, outcome: TowOutcome) -> Iterator[tuple[str, str]]:

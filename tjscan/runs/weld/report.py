@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.core.manifest import check_files_unaltered
-from tjscan.result.chapter import ReportChapter, ReportChart
+from tjscan.result.chapter import HeadlineNumber, ReportChapter, ReportChart, verdict_on
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.weld.journal import (
     HEIGHT_EVENT,
@@ -34,9 +34,24 @@ def weld_chapter(directory: Path) -> ReportChapter:
     return ReportChapter(
         facts=tuple(_weld_facts(found)),
         findings=tuple(_weld_findings(found)),
+        headline=tuple(_weld_headline(found)),
         charts=tuple(_weld_charts(found)),
         events=found.events,
     )
+
+
+def _weld_headline(found: RecordedWeld) -> Iterator[HeadlineNumber]:
+    begun = sum(1 for bead in found.beads if found.arcs_of(bead))
+    stopped = any(event.name == WELD_STOP_EVENT for event in found.events)
+    words = f"{begun} of {len(found.beads)} planned beads are welded"
+    if found.arcs:
+        yield verdict_on(begun == len(found.beads) and not stopped, words)
+    else:
+        yield HeadlineNumber("planned only", words)
+    length = 1e3 * sum(arc.end - arc.begin for arc in found.arcs)
+    minutes = sum(arc.seconds for arc in found.arcs) / 60
+    yield HeadlineNumber(f"{length:.0f} mm of bead", f"in {minutes:.1f} min of arc, simulated")
+    yield HeadlineNumber(f"{len(found.looks)} looks", "at the groove, in between and in the end")
 
 
 def _weld_facts(found: RecordedWeld) -> Iterator[tuple[str, str]]:
