@@ -51,15 +51,10 @@ from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.scanning.recording import ScanRecordingWriter, read_recorded_scan
 from tjscan.scanning.section import ScannedSection
-from tjscan.study.file import plan_study, read_study_file
-from tjscan.study.run import (
-    PLAN_FILE,
-    STUDY_ROWS_FILE,
-    make_study_directory,
-    read_rows,
-    read_trials,
-)
-from tjscan.study.trial import StudyRow
+from tjscan.study.file import read_study_file
+from tjscan.study.plan import plan_study, read_plan
+from tjscan.study.rows import STUDY_ROWS_FILE, StudyRows
+from tjscan.study.run import PLAN_FILE, make_study_directory, row_of_trial
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 EXAMPLES, CAD = ROOT / "examples", ROOT / "cad"
@@ -219,14 +214,14 @@ def _studies(folder: Path) -> Iterator[Reader]:
     trials = plan_study(file, study_backend_of_task)
     make_study_directory(folder / "study", trials)
     plan = (folder / "study" / PLAN_FILE).read_bytes()
-    yield Reader("plan", f"study/{PLAN_FILE}", (plan,), lambda f: read_trials(f.parent), 1)
+    yield Reader("plan", f"study/{PLAN_FILE}", (plan,), read_plan, 1)
     short = ScanOutcome(False, "cut", "short")
-    rows = b"".join(StudyRow.from_trial(t, short).to_json_line().encode() + b"\n" for t in trials)
+    rows = b"".join(row_of_trial(t, short).to_json_line().encode() + b"\n" for t in trials)
     yield Reader(
         "rows",
         f"study/{STUDY_ROWS_FILE}",
         (rows,),
-        lambda f: read_rows(f.parent, trials, study_backend_of_task),
+        lambda f: list(StudyRows(f.parent, trials, ScanOutcome)),
         1,
     )
 

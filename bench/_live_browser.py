@@ -32,20 +32,12 @@ PATIENCE: Final = 45_000
 some ten seconds."""
 
 CURVE_IS_DRAWN: Final = """
-([red, green, blue, share]) => {
-    const chart = document.querySelector(".uplot canvas");
-    if (!chart || !chart.width || !chart.height) return false;  // not laid out yet
-    const seen = chart.getContext("2d").getImageData(0, 0, chart.width, chart.height).data;
-    let count = 0;
-    for (let i = 0; i < seen.length; i += 4) {
-        const off = Math.abs(seen[i] - red) + Math.abs(seen[i + 1] - green)
-            + Math.abs(seen[i + 2] - blue);
-        count += seen[i + 3] > 200 && off < 60;
-    }
-    return count > share * seen.length / 4;
+([colour, least]) => {
+    const path = document.querySelector(`.tj.chart path[stroke="${colour}"]`);
+    return path && path.getAttribute("d").split("M").length > least;
 }
 """
-"""Whether enough pixels of the first chart have a colour, edges of lines aside."""
+"""Whether the first chart has a curve of as many dots in a colour."""
 
 
 class ServedPage:
@@ -138,12 +130,9 @@ class OpenedPage:
         """Pixels of the window, shape (n, m, 3)."""
         return _pixels(self.page.screenshot(timeout=2 * PATIENCE))
 
-    def wait_for_curve(self, colour: tuple[int, int, int], share: float) -> None:
-        """Wait until a share of the first chart's pixels has the colour of a curve.
-
-        The page makes a chart anew with each step: it is looked at in one go, in the browser.
-        """
-        self.page.wait_for_function(CURVE_IS_DRAWN, arg=[*colour, share], timeout=PATIENCE)
+    def wait_for_curve(self, colour: str, least: int) -> None:
+        """Wait until the first chart has a curve of as many dots in a colour."""
+        self.page.wait_for_function(CURVE_IS_DRAWN, arg=[colour, least], timeout=PATIENCE)
 
 
 def _pixels(png: bytes) -> Array:

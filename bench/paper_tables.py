@@ -34,7 +34,7 @@ from tjscan.runs.tasks import study_backend_of_task
 from tjscan.runs.tow.results import TowOutcome
 from tjscan.runs.tow.study import TOW_STUDY
 from tjscan.study.report import RowGroup, keys_to_show
-from tjscan.study.run import read_rows, read_trials
+from tjscan.study.run import read_study
 from tjscan.study.trial import ReportedQuantity, StudyRow, Value
 
 PAPER_TABLES: Final = "paper.md"
@@ -187,13 +187,12 @@ def paper_lines(folder: Path) -> list[str]:
     ConfigurationError
         If the folder holds no study that the papers print figures of.
     """
-    trials = read_trials(folder)
-    by_key = read_rows(folder, trials, study_backend_of_task)
-    rows: list[StudyRow[Any]] = [by_key[one.hash_key] for one in trials if one.hash_key in by_key]
-    if rows and trials[0].task == "tow":
+    plan, done = read_study(folder, study_backend_of_task)
+    rows: list[StudyRow[Any]] = list(done)
+    if rows and plan.file.task == "tow":
         return list(towing_table(rows))
     as_paper = all(CASE_KEY in row.inputs and STEP_KEY in row.inputs for row in rows)
-    if as_paper and any(row.outcome.complete for row in rows) and trials[0].task == "scan":
+    if as_paper and any(row.outcome.complete for row in rows) and plan.file.task == "scan":
         return list(write_paper_comparison(folder, rows))
     raise ConfigurationError(
         f"the papers print tows, and scans over {CASE_KEY} and {STEP_KEY}", file=folder

@@ -1,7 +1,11 @@
-"""How fast studies run, whether it matters where, and, with --full, the study of joints."""
+"""How fast studies run, whether it matters where, and what a million runs need.
+
+With --full all rows of the million are written, and the study of joints is run.
+"""
 
 from __future__ import annotations
 
+import json
 import socket
 import subprocess
 import sys
@@ -101,11 +105,26 @@ def joints(folder: Path) -> list[Row]:
     ]
 
 
+def million(made: int) -> list[Row]:
+    """A study of a million runs, of which the first are made: the client's time and memory."""
+    script = Path(__file__).with_name("_many_runs.py")
+    told = subprocess.run(
+        [sys.executable, str(script), str(made)], check=True, capture_output=True, text=True
+    )
+    found = json.loads(told.stdout)
+    return [
+        Row("a study of many: runs", found["runs"], inf, at_least=1_000_000),
+        Row("… checked, and the first row", found["first_s"], 60, "s"),
+        Row(f"… memory of the client with {made} rows", found["peak_mb"], 1000, "MB"),
+    ]
+
+
 def measure(full: bool) -> list[Row]:
     """Measure every bar."""
     with TemporaryDirectory() as name:
         folder = Path(name)
-        return [*speed(folder), *(joints(folder) if full else [])]
+        rows = [*speed(folder), *million(1_000_000 if full else 20_000)]
+        return [*rows, *(joints(folder) if full else [])]
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ FILES = {
     "scan": [ROOT / "examples" / f"{name}.toml" for name in ("paper", "ur10e", "whole-joint")],
     "weld": [ROOT / "examples" / "weld.toml"],
     "recorded": [ROOT / "examples" / "calibrate-recorded.toml"],
+    "accept": [ROOT / "examples" / "accept.toml"],
     "calibrate": [ROOT / "examples" / "calibrate.toml"],
     "crawl": [ROOT / "examples" / f"{name}.toml" for name in CRAWLS],
     "tow": [ROOT / "examples" / f"tow-{name}.toml" for name in ("simulation", "yard", "passer-by")],

@@ -20,6 +20,7 @@ from tjscan.cli.options.shared import parse_overrides
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.files import (
     has_recorded_profiles,
+    read_acceptance_job,
     read_calibration_job,
     read_laser_job,
     read_recorded_job,
@@ -59,6 +60,7 @@ PARSED: Final = {
     r"tjscan scan .*calibration.file": "tests/calibration/test_calibrate_command.py makes the file",
     r"tjscan teach (?!.*--lead-mm)": "no hand leads a simulated arm",
     r"tjscan groove first.csv": "the file comes from a real laser",
+    r"tjscan accept": "takes a while; tests/runs/accept/test_acceptance.py runs a short one",
     r"tjscan calibrate": "takes minutes; tests/calibration/test_calibrate_command.py runs it",
     r"tjscan place": "takes half a minute; tests/runs/place/test_place.py runs it",
     r"tjscan stitch": "takes minutes; tests/runs/test_stitch_command.py runs it",
@@ -100,6 +102,7 @@ LOADERS: Final[dict[str, tuple[Callable[[Path, Any], object], str]]] = {
     "teach": (read_scan_job, "paper"),
     "laser-loopback": (read_scan_job, "paper"),
     "laser": (read_laser_job, "paper"),
+    "accept": (read_acceptance_job, "accept"),
     "calibrate": (read_job_of_calibration, "calibrate"),
     "crawl run": (read_crawl_job, "crawl"),
     "crawl calibrate": (read_crawl_job, "crawl"),

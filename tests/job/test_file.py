@@ -87,7 +87,7 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path, text: str, hint: str) -
 
 @pytest.mark.parametrize(
     ("content", "hint"),
-    [(b"[scan", "not valid TOML"), (b"\xff\xfe", "not UTF-8"), (b"#" * 2_000_000, "too large")],
+    [(b"[scan", "not valid TOML"), (b"\xff\xfe", "UTF-16"), (b"#" * 2_000_000, "too large")],
 )
 def test_a_file_that_is_no_job_is_refused(tmp_path: Path, content: bytes, hint: str) -> None:
     file = tmp_path / "job.toml"

@@ -2,11 +2,13 @@
 
 import socket
 from collections.abc import Iterator
-from urllib.request import urlopen
+from contextlib import suppress
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import pytest
 from _live_client import page_client
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from tjscan.core.errors import PageUnavailable
 from tjscan.live.access import LOOPBACK_ADDRESS, status_without_token
@@ -72,3 +74,30 @@ def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
 def test_nobody_makes_it_public_through_a_relay(page: Page) -> None:
     page.server.request_share_url()
     assert page.server._share_tunnel is None
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"Origin": "https://elsewhere.example"}, {"Host": "elsewhere.example"}, {"Origin": "null"}],
+)
+def test_pages_of_other_sites_are_refused_even_with_the_token(
+    page: Page, headers: dict[str, str]
+) -> None:
+    with pytest.raises(HTTPError, match="403"):
+        urlopen(Request(page.url, headers=headers))
+
+
+def test_a_page_asked_by_its_own_origin_is_shown(page: Page) -> None:
+    origin = f"http://localhost:{page.server.get_port()}"
+    headers = {"Origin": origin, "Host": origin.removeprefix("http://")}
+    with urlopen(Request(page.url, headers=headers)) as answer:
+        assert answer.status == 200
+
+
+def test_what_is_no_message_prints_nothing(page: Page, capfd: pytest.CaptureFixture[str]) -> None:
+    for wrong in (b"\x00\xff garbage", "text", b"\x81\xa4type\xa4none"):
+        with page_client(page) as client:
+            client.socket.send(wrong)
+            with suppress(ConnectionClosed):
+                client.receive()
+    assert capfd.readouterr() == ("", "")

@@ -24,6 +24,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import Phase
 from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis_colours
+from tjscan.live.panel import VALUE_COLOUR
 from tjscan.recording.journal import RunEvent
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME
@@ -31,7 +32,6 @@ from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-PLOTTED = (42, 111, 187)
 """Colour of points in a chart."""
 
 pytestmark = [
@@ -134,7 +134,7 @@ def test_a_crawler_is_driven_by_a_held_button_and_stopped_by_a_click(
             shown.wait_for("speed-?0")
             shown.press("Start")
             shown.wait_for("welding")
-            shown.wait_for_curve(PLOTTED, 1e-3)  # of its profile
+            shown.wait_for_curve(VALUE_COLOUR, 20)  # of its profile
             shown.press("STOP")
             assert served.end() == 130
     entries = list(read_crawl(run))

@@ -26,7 +26,8 @@ from tjscan.robot.path import interpolate_joints, linear_waypoints
 from tjscan.robot.settings import Box, Capsule, ClearanceMargins, Cylinder, Solid
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.urdf import ARM_MODELS
-from tjscan.runs.scan.run import ScanContext, check_scan_job, scan_in_cell
+from tjscan.runs.scan.rehearsal import check_scan_job
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.journal import ScannedSurfaceObstacle, StopReason, grid_triangles
 
 HOME = np.radians([0, -80, 110, -120, -90, 0])
@@ -491,7 +492,7 @@ def test_solids_of_a_job_stand_where_it_says() -> None:
         ({"kind": "cylinder", "radius_mm": 3.0}, "takes radius_mm and length_mm alone"),
         ({"kind": "capsule", "size_mm": [1.0, 1.0, 1.0]}, "takes radius_mm and length_mm alone"),
         ({"kind": "sphere", "radius_mm": 3.0}, "is none of"),
-        ({"kind": "cylinder", "radius_mm": -3.0, "length_mm": 1.0}, "greater than 0"),
+        ({"kind": "cylinder", "radius_mm": -3.0, "length_mm": 1.0}, "greater than or equal to 1"),
     ],
 )
 def test_a_solid_that_is_none_is_refused(solid: dict[str, object], message: str) -> None:

@@ -33,6 +33,7 @@ def test_a_sound_cell_has_a_line_for_everything(
         "profile",
         "first pose",
         "second pose",
+        "groove",
     ]
 
 

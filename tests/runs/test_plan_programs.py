@@ -21,6 +21,7 @@ from tjscan.planning.wps import read_wps
 from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.plan.reach import WeldingStation
+from tjscan.runs.plan.send import read_job_of_program_arm
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.controller import LoopbackController
 
@@ -230,6 +231,14 @@ def test_a_program_goes_to_no_other_arm_and_joint(
     options = ("--gravity", 0, 0, -1, "--send-to", file)
     assert tjscan("plan", planned, "--wps", wps_beside(planned), *options) == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_joint_is_the_same_under_another_file_name(planned: Path, tmp_path: Path) -> None:
+    file = job_of_real_arm(planned, "127.0.0.1")
+    text = file.read_text(encoding="utf-8").replace('file = "joint.toml"', 'file = "copied.toml"')
+    file.write_text(text, encoding="utf-8")
+    shutil.copyfile(planned / "joint.toml", file.parent / "copied.toml")
+    assert read_job_of_program_arm(file, None, planned).arm.driver == "ur"
 
 
 def test_a_calibrated_arm_is_told_what_brings_it_where_it_should_be() -> None:

@@ -1,15 +1,19 @@
 """Laws of a study's grid: what it holds, in which order, and what it refuses."""
 
+import json
+import shutil
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 from cells import CLOCKWISE, PAPER
-from studies import ANY_JOINT, Expand, expand_in, settings_of
+from studies import ANY_JOINT, Expand, expand_in, resolved_of, settings_of
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.units import DEG, MM
-from tjscan.study.trial import Trial
+from tjscan.robot import models
+from tjscan.study.plan import StudyPlan, read_plan
 
 
 @pytest.fixture
@@ -29,13 +33,13 @@ def test_the_grid_is_the_product_and_the_last_key_runs_fastest(expand: Expand) -
     assert [trial.inputs["scan.sections"] for trial in trials[:6]] == [30, 30, 16, 16, 11, 11]
     assert [trial.inputs["job"] for trial in trials] == ["paper"] * 24 + ["paper-clockwise"] * 24
     for trial in trials:
-        scan = settings_of(trial).job.scan
+        scan = settings_of(trials, trial).job.scan
         assert MM.to_file(scan.step) == trial.inputs["scan.step_mm"]
         assert DEG.to_file(scan.pull_angle) == trial.inputs["scan.pull_angle_deg"]
         assert (scan.direction == "clockwise") == (trial.inputs["job"] == "paper-clockwise")
 
 
-def test_a_study_expands_to_the_same_trials_each_time(expand: Expand) -> None:
+def test_a_study_expands_to_the_same_trials_each_time(expand: Expand, tmp_path: Path) -> None:
     tables: dict[str, Any] = {
         "job": str(ANY_JOINT),
         "seeds": 2,
@@ -48,9 +52,9 @@ def test_a_study_expands_to_the_same_trials_each_time(expand: Expand) -> None:
     first, second = expand(**tables), expand(**tables)
     assert [trial.hash_key for trial in first] == [trial.hash_key for trial in second]
     assert len({trial.hash_key for trial in first}) == 4
-    assert [Trial.from_json_line(trial.to_json_line()).hash_key for trial in first] == [
-        trial.hash_key for trial in first
-    ]
+    kept = tmp_path / "kept.json"
+    kept.write_text(first.to_json(), encoding="utf-8")
+    assert list(read_plan(kept)) == list(first)
 
 
 @pytest.mark.parametrize(
@@ -95,3 +99,47 @@ def test_only_a_task_that_brings_studies_can_be_studied(
 ) -> None:
     with pytest.raises(ConfigurationError, match=words):
         expand(task=task)
+
+
+def job_in(folder: Path, name: str = "paper.toml", arm: str = "ur10e") -> Path:
+    """The example and its joint, copied to a folder, with an arm."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copy(PAPER.parents[1] / "cad" / "tjoint-600x457.toml", folder)
+    file = folder / name
+    text = PAPER.read_text(encoding="utf-8").replace('model = "ur10e"', f'model = "{arm}"')
+    file.write_text(text.replace("../cad/", ""), encoding="utf-8")
+    return file
+
+
+def test_an_arm_of_ones_own_goes_with_the_plan(expand: Expand, tmp_path: Path) -> None:
+    job = job_in(tmp_path / "cell", arm="my.urdf")
+    urdf = job.with_name("my.urdf")
+    text = (files(models) / "ur10e.urdf").read_text(encoding="utf-8")
+    urdf.write_text(text, encoding="utf-8")
+    plan = expand(job=str(job), fixed={"scan.sections": 4})
+    urdf.unlink()
+    assert resolved_of(plan, plan[0]).settings
+    urdf.write_text(text.replace("<cylinder", "<mesh/><cylinder"), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="absolute path"):
+        expand(job=str(job), fixed={"scan.sections": 4})
+
+
+def test_jobs_of_one_name_are_told_apart_by_their_folders(expand: Expand, tmp_path: Path) -> None:
+    jobs = [str(job_in(tmp_path / name)) for name in ("left", "right")]
+    plan = expand(job=jobs, fixed={"scan.sections": 4})
+    assert [trial.inputs["job"] for trial in plan] == ["left/paper", "right/paper"]
+
+
+@pytest.mark.parametrize("name", ["../outside.txt", "/tmp/outside.txt", "a/../../outside.txt"])
+def test_a_plan_that_would_write_outside_of_its_folder_is_refused(
+    expand: Expand, tmp_path: Path, name: str
+) -> None:
+    plan = expand(fixed={"scan.sections": 4})
+    kept = tmp_path / "kept.json"
+    hostile = StudyPlan(plan.study, plan.seed_key, plan.jobs, {**plan.files, name: "x"})
+    kept.write_text(hostile.to_json(), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="outside of its folder"):
+        read_plan(kept)
+    kept.write_text(json.dumps({"study": {}, "runs": []}), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="begin the study again"):
+        read_plan(kept)

@@ -1,6 +1,7 @@
 """Laws of a running study: the same table wherever it runs, and nothing lost on the way."""
 
-from collections.abc import Generator
+import json
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import tomli_w
 from cells import PAPER
 from command import tjscan
 
+from tjscan.core.version import program_code
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
-from tjscan.study.file import plan_study
-from tjscan.study.run import STUDY_ROWS_FILE, make_study_directory, read_rows, run_study, run_trial
+from tjscan.study.plan import StudyPlan, plan_study
+from tjscan.study.rows import STUDY_ROWS_FILE
+from tjscan.study.run import make_study_directory, read_study, run_study, run_trial
 from tjscan.study.schedule import DaskScheduler, EndedTask
 from tjscan.study.trial import LOST_WORKER_REASON, StudyRow, Trial
 
@@ -44,14 +47,15 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def trials(study: Path) -> tuple[Trial, ...]:
+def trials(study: Path) -> StudyPlan:
     return plan_study(study, study_backend_of_task)
 
 
 @pytest.fixture(scope="module")
-def rows(trials: tuple[Trial, ...]) -> tuple[StudyRow[Any], ...]:
+def rows(trials: StudyPlan) -> tuple[StudyRow[Any], ...]:
     """What every run of the study shall give: made here, one after the other."""
-    return tuple(replace(run_trial(trial, study_backend_of_task), wall_s=0.0) for trial in trials)
+    made = (run_trial(t, trials, study_backend_of_task, program_code()) for t in trials)
+    return timeless(made)
 
 
 class Here:
@@ -60,9 +64,12 @@ class Here:
     def __init__(self, stop_after: int | None = None) -> None:
         self.stop_after, self.made = stop_after, 0
 
-    def __call__(self, work: object, trials: object) -> Generator[EndedTask[Trial, StudyRow[Any]]]:
-        assert callable(work)
-        assert isinstance(trials, list)
+    def __call__(
+        self,
+        work: Callable[[Trial], StudyRow[Any]],
+        trials: Iterable[Trial],
+        count: int,
+    ) -> Generator[EndedTask[Trial, StudyRow[Any]]]:
         for trial in trials:
             if self.made == self.stop_after:
                 raise KeyboardInterrupt
@@ -74,7 +81,7 @@ def ignore(row: StudyRow[Any]) -> None:
     """Watch nothing."""
 
 
-def timeless(rows: tuple[StudyRow[Any], ...]) -> tuple[StudyRow[Any], ...]:
+def timeless(rows: Iterable[StudyRow[Any]]) -> tuple[StudyRow[Any], ...]:
     return tuple(replace(row, wall_s=0.0) for row in rows)
 
 
@@ -89,7 +96,7 @@ def test_a_row_comes_back_from_its_line(rows: tuple[StudyRow[Any], ...]) -> None
 
 
 def test_an_interrupted_study_goes_on_to_the_same_table(
-    trials: tuple[Trial, ...], rows: tuple[StudyRow[Any], ...], tmp_path: Path
+    trials: StudyPlan, rows: tuple[StudyRow[Any], ...], tmp_path: Path
 ) -> None:
     make_study_directory(tmp_path / "s", trials)
     with pytest.raises(KeyboardInterrupt):
@@ -97,32 +104,36 @@ def test_an_interrupted_study_goes_on_to_the_same_table(
     assert len(pq.read_table(tmp_path / "s" / "study.parquet")) == 2
     # The machine lost power in the middle of a line.
     with (tmp_path / "s" / STUDY_ROWS_FILE).open("a") as file:
+        # Lines that are rows in form alone are passed over, too.
+        for key, value in (("index", "0"), ("inputs", None), ("wall_s", "long"), ("code", 1)):
+            line = json.loads(rows[0].to_json_line()) | {key: value}
+            file.write(json.dumps(line) + "\n")
         file.write(rows[3].to_json_line()[:50])
     rest = Here()
     assert timeless(run_study(tmp_path / "s", rest, ignore, study_backend_of_task)) == rows
     assert rest.made == len(rows) - 2
-    assert set(read_rows(tmp_path / "s", trials, study_backend_of_task)) == {
-        trial.hash_key for trial in trials
-    }
+    _, kept = read_study(tmp_path / "s", study_backend_of_task)
+    assert [row.key for row in kept] == [trial.hash_key for trial in trials]
     again = Here()
     assert timeless(run_study(tmp_path / "s", again, ignore, study_backend_of_task)) == rows
     assert again.made == 0
 
 
 def test_processes_change_nothing(
-    trials: tuple[Trial, ...], rows: tuple[StudyRow[Any], ...], tmp_path: Path
+    trials: StudyPlan, rows: tuple[StudyRow[Any], ...], tmp_path: Path
 ) -> None:
     make_study_directory(tmp_path / "s", trials)
     made = run_study(tmp_path / "s", DaskScheduler(2), ignore, study_backend_of_task)
     assert timeless(made) == rows
 
 
-def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: Path) -> None:
-    def losing(work: object, trials: object) -> Generator[EndedTask[Trial, StudyRow[Any]]]:
-        assert isinstance(trials, list)
-        yield from (EndedTask(trial, None, "its process died") for trial in trials)
+def test_a_lost_task_is_a_row_that_says_so(trials: StudyPlan, tmp_path: Path) -> None:
+    def losing(
+        work: object, trials: Iterable[Trial], count: int
+    ) -> Generator[EndedTask[Trial, StudyRow[Any]]]:
+        yield EndedTask(next(iter(trials)), None, "its process died")
 
-    make_study_directory(tmp_path / "s", trials[:1])
+    make_study_directory(tmp_path / "s", trials)
     (row,) = run_study(tmp_path / "s", losing, ignore, study_backend_of_task)
     assert not row.outcome.complete
     assert row.outcome.reason == LOST_WORKER_REASON

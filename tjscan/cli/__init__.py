@@ -32,7 +32,7 @@ class _TjscanApp(App):
 
 HELP_GROUPS: Final = {
     "Begin": ("init", "joint", "place", "schema"),
-    "Set up a cell": ("calibrate", "doctor", "laser", "teach"),
+    "Set up a cell": ("accept", "calibrate", "doctor", "laser", "teach"),
     "Scan": ("scan", "reprocess", "stitch"),
     "See and use what was scanned": ("compare", "export", "groove", "report", "view"),
     "Weld": ("plan", "weld", "inspect"),
@@ -73,6 +73,7 @@ COMMAND_GROUPS: Final = (
     (app, "scan", ("scan", "teach", "doctor", "laser", "reprocess", "stitch")),
     (app, "place", ("place",)),
     (app, "calibrate", ("calibrate",)),
+    (app, "accept", ("accept",)),
     (app, "results", ("groove", "compare", "export", "report", "view")),
     (app, "plan", ("plan",)),
     (app, "weld", ("inspect",)),
@@ -141,7 +142,7 @@ def _load_commands(tokens: Sequence[str]) -> None:
     Raises
     ------
     ConfigurationError
-        If it is of a loopback device whose package is missing.
+        If there is no such command, or it is of a loopback device whose package is missing.
     """
     words = tuple(token for token in tokens if not token.startswith("-"))
     if words[:1] in ((), ("weld",)) and weld_app.default_command is None:
@@ -154,6 +155,12 @@ def _load_commands(tokens: Sequence[str]) -> None:
         raise errors.ConfigurationError(
             f"'tjscan {words[0]}' needs the package tjscan-loopback, which is not installed: "
             "pip install ./loopback in the checkout of tjscan"
+        )
+    if words and words[0] not in app and words[0] == tokens[0]:
+        known = [name for name in app if not name.startswith("-")]
+        raise errors.ConfigurationError(
+            f"there is no command {words[0]!r}; did you mean: "
+            f"{errors.nearest_word(words[0], known)}?"
         )
     listings = {(): app, ("crawl",): crawl_app, ("tow",): tow_app, ("weld",): weld_app}
     if words in listings:
@@ -168,7 +175,10 @@ def main(tokens: Sequence[str] | None = None) -> None:
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
         _load_commands(tokens)
-        app(tokens, exit_on_error=False, print_error=True)
+        try:
+            app(tokens, exit_on_error=False, print_error=True)
+        finally:
+            sys.stdout.flush()
     except CycloptsError:
         sys.exit(2)
     except errors.TjscanError as error:
@@ -182,10 +192,15 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         sys.exit(0)  # the reader of the output has closed it
     except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
+        if error.errno == errno.ENAMETOOLONG:
+            name = f"{error.filename!s:.60}…"
+            print(f"tjscan: too long for the name of a file: {name}", file=sys.stderr)
+            sys.exit(2)
+        if error.errno != errno.ENOSPC:
             raise
-        print(f"tjscan: too long for the name of a file: {error.filename!s:.60}…", file=sys.stderr)
-        sys.exit(2)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left goes nowhere
+        print("tjscan: the output can't be written: no space is left there", file=sys.stderr)
+        sys.exit(1)
     except KeyboardInterrupt:
         print("tjscan: interrupted", file=sys.stderr)
         sys.exit(130)

@@ -79,6 +79,7 @@ MODELS_OF_KINDS: Final = {
     "crawl": "tjscan.job.crawl.job:CrawlJob",
     "tow": "tjscan.job.tow.job:TowJob",
     "recorded": "tjscan.job.files:RecordedJob",
+    "accept": "tjscan.job.files:AcceptanceJob",
     "calibrate": "tjscan.job.files:CalibrationJob",
     "study": "tjscan.study.file:StudyFile",
     "wps": "tjscan.planning.wps:WeldingProcedure",

@@ -51,7 +51,8 @@ def place(
     from tjscan.result.picture import write_png
     from tjscan.runs.place.job import place_joint
     from tjscan.runs.place.picture import draw_placed_joint
-    from tjscan.runs.scan.run import ScanContext, check_scan_job
+    from tjscan.runs.scan.rehearsal import check_scan_job
+    from tjscan.runs.scan.run import ScanContext
     from tjscan.scanning.target import ScanDirection
 
     file = out or Path(f"{joint.stem}-{Path(arm).stem}.toml")

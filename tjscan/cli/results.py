@@ -290,12 +290,13 @@ def report(
 ) -> None:
     """Write a run's report.html again, compared with another reference if one is given.
 
-    If it holds a weld plan, plan.html is written again too.
+    If it holds a weld plan, plan.html is written again too. Of a folder of runs it writes an
+    overview of them all, overview.html.
 
     Parameters
     ----------
     run
-        The run directory, of one scan or stitched.
+        The run directory, of one scan or stitched; or a folder that holds run directories.
     reference
         A joint's TOML, a mesh or a cloud, in place of the joint that the run names.
     tolerance_mm
@@ -307,9 +308,13 @@ def report(
     """
     with show_phase("writing the report"):
         from tjscan.comparison.shapes import UserUnitAndFrame
+        from tjscan.report.overview import runs_in_folder, write_overview
         from tjscan.report.plan_page import PLAN_FILE, write_plan_page
         from tjscan.report.write import write_run_report
 
+        if reference is None and (runs := runs_in_folder(run)):
+            print_message(f"written to {write_overview(run, runs)}")
+            return
         if (run / PLAN_FILE).is_file():
             print_message(f"written to {write_plan_page(run)}")
             if reference is None and not (run / SUMMARY_FILE).is_file():

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tjscan.cli.output.console import print_message
+from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.signals import exit_on_termination
 from tjscan.result.directory import default_run_directory
 
 
@@ -41,8 +42,8 @@ def study(
     """
     from tjscan.cli.output.study import print_study_outcome, study_progress_bar
     from tjscan.runs.tasks import study_backend_of_task
-    from tjscan.study.file import plan_study
-    from tjscan.study.run import make_study_directory, read_trials, run_study
+    from tjscan.study.plan import plan_study
+    from tjscan.study.run import make_study_directory, read_study, run_study
     from tjscan.study.schedule import DaskScheduler, check_study_packages
 
     if resume and (out is not None or dry_run):
@@ -50,19 +51,25 @@ def study(
     if workers is not None and (workers < 1 or scheduler is not None):
         raise ConfigurationError("--workers is 1 or more, and not beside --scheduler")
     directory = study if resume else out or default_run_directory(study)
-    trials = read_trials(study) if resume else plan_study(study, study_backend_of_task)
+    if resume:
+        plan, _ = read_study(directory, study_backend_of_task)
+    else:
+        with show_phase("checking the study's runs"):
+            plan = plan_study(study, study_backend_of_task)
     if dry_run:
-        print_message(f"{study}: the study is sound; it makes {len(trials)} runs")
+        checked = len(set(plan.checked_indices))
+        rest = "" if checked == len(plan) else f"; {checked} were checked, the rest where they run"
+        print_message(f"{study}: the study is sound; it makes {len(plan)} runs{rest}")
         return
     check_study_packages()
     if not resume:
-        make_study_directory(directory, trials)
+        make_study_directory(directory, plan)
     if scheduler is not None and not scheduler.startswith("tls://"):
         print_message(
             f"anyone who reaches {scheduler} runs programs on its workers: docs/study.md shows TLS"
         )
     where = DaskScheduler(workers or os.cpu_count() or 1, scheduler)
-    with study_progress_bar(len(trials)) as watch:
+    with exit_on_termination(), study_progress_bar(len(plan)) as watch:
         rows = run_study(directory, where, watch, study_backend_of_task)
     print_study_outcome(rows, directory, json=json)
 

@@ -16,6 +16,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import read_small_file
 from tjscan.core.manifest import check_files_unaltered
+from tjscan.core.toml_hints import encoding_hint, list_hint, number_hint, syntax_hint, unit_hint
 from tjscan.core.units import SettingsTable
 
 
@@ -73,8 +74,12 @@ def read_toml(file: Path) -> dict[str, Any]:
     ConfigurationError
         If the file is missing, no file, too large, not UTF-8 or not TOML.
     """
+    text = ""
     try:
-        text = read_small_file(file, MOST_CONFIGURATION_BYTES, "a configuration").decode()
+        content = read_small_file(file, MOST_CONFIGURATION_BYTES, "a configuration")
+        if (hint := encoding_hint(content)) is not None:
+            raise ConfigurationError(hint, file=file)
+        text = content.decode()
         if max(map(len, text.splitlines()), default=0) > LONGEST_LINE_CHARACTERS:
             raise ConfigurationError(
                 f"has a line of more than {LONGEST_LINE_CHARACTERS} characters", file=file
@@ -82,12 +87,16 @@ def read_toml(file: Path) -> dict[str, Any]:
         return tomllib.loads(text)
     except FileNotFoundError:
         near = nearest_word(file.name, [f.name for f in file.parent.glob("*.toml")])
-        hint = f" Did you mean: {near}?" if near else ""
-        raise ConfigurationError(f"there is no such file.{hint}", file=file) from None
+        meant = f" Did you mean: {near}?" if near else ""
+        raise ConfigurationError(f"there is no such file.{meant}", file=file) from None
     except UnicodeDecodeError as error:
-        raise ConfigurationError(f"is not UTF-8 text ({error})", file=file) from None
+        line = error.object[: error.start].count(b"\n") + 1
+        raise ConfigurationError(
+            f"line {line} is not UTF-8 text: save the file as UTF-8 ({error})", file=file
+        ) from None
     except (ValueError, RecursionError) as error:  # not of its own kind alone: huge numbers, nests
-        raise ConfigurationError(f"is not valid TOML: {error}", file=file) from None
+        hint = syntax_hint(text, str(error))
+        raise ConfigurationError(f"is not valid TOML: {error}{hint}", file=file) from None
     except NotADirectoryError:
         raise ConfigurationError(
             "is a file; give the directory that it is in", file=file.parent
@@ -189,7 +198,10 @@ def _explain_error(model: Any, detail: ErrorDetails) -> str:
     """One sentence that states what is wrong with a key and what would be right."""
     if detail["type"] in PYDANTIC_UNKNOWN_KEY_ERRORS:
         known = _known_keys_at(model, [str(part) for part in detail["loc"][:-1]])
-        return f"unknown key; did you mean: {nearest_word(str(detail['loc'][-1]), known)}?"
+        key = str(detail["loc"][-1])
+        radius = key.replace("diameter", "radius")
+        meant = f"{radius}, half of it" if radius != key else nearest_word(key, known)
+        return f"unknown key; did you mean: {meant}?"
     if detail["type"] in ("model_type", "model_attributes_type", "dataclass_type"):
         return f"must be a table (found {_shortened_repr(detail['input'])})"
     if detail["type"] == "missing":
@@ -199,7 +211,21 @@ def _explain_error(model: Any, detail: ErrorDetails) -> str:
     message = detail["msg"].removeprefix("Value error, ")
     message = f"{message[:1].lower()}{message[1:]}"
     found = detail["input"]
-    return message if isinstance(found, dict) else f"{message} (found {_shortened_repr(found)})"
+    if isinstance(found, dict):
+        return message
+    return f"{message} (found {_shortened_repr(found)}){_hint_for_value(detail)}"
+
+
+def _hint_for_value(detail: ErrorDetails) -> str:
+    """What a wrong value most likely is, with what to write; empty if nothing is recognised."""
+    found, bounds = detail["input"], detail.get("ctx", {})
+    if detail["type"] == "too_long":
+        return list_hint(found, bounds["max_length"])
+    if detail["type"] in ("float_type", "int_type"):
+        return number_hint(found)
+    key = next((part for part in reversed(detail["loc"]) if isinstance(part, str)), "")
+    least, most = (bounds.get(f"{which}e", bounds.get(f"{which}t")) for which in "gl")
+    return unit_hint(key, found, least, most)
 
 
 def _list_positions_in_words(path: Sequence[int | str]) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, wraps
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
+from inspect import getattr_static, isfunction
+from ipaddress import ip_address
+from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
 from tjscan.core import errors
 from tjscan.core.units import SettingsTable
@@ -235,4 +237,65 @@ class DriverRegistry(Generic[F]):
         if factory.client is not None and find_spec(factory.client) is None:
             raise errors.missing_package_error(what, factory.client, factory.extra, self.key)
         with errors.explain_missing_package(what, factory.extra, self.key):
-            return factory.make(inputs, settings)
+            device = factory.make(inputs, settings)
+        if name in self.own:
+            return device
+        return guard_device(device, what, FAULT_OF_DEVICE.get(self.device, errors.VehicleFault))
+
+
+FAULT_OF_DEVICE: Final[dict[str, type[errors.TjscanError]]] = {
+    "arm": errors.ArmFault,
+    "laser": errors.LaserFault,
+    "power_source": errors.PowerFault,
+}
+"""Of what a device of another package fails with; of all others it is a fault of the vehicle."""
+
+
+def guard_device(device: D, what: str, fault: type[errors.TjscanError]) -> D:
+    """Let what a driver of another package raises end a run as a fault of its device.
+
+    Its methods and properties raise the fault instead of OSError, and of a library that is missing,
+    with the driver's name; so a run ends as with any fault, and its results are written.
+
+    Parameters
+    ----------
+    device : object
+        The device, which is changed.
+    what : str
+        What messages call it.
+    fault : type
+        The fault of such a device.
+    """
+
+    def guarded(method: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(method)
+        def call(*arguments: Any, **options: Any) -> Any:
+            try:
+                return method(*arguments, **options)
+            except ImportError as error:
+                raise fault(f"{what} needs a library that is not installed: {error}") from error
+            except OSError as error:
+                raise fault(f"{what} failed: {error or type(error).__name__}") from error
+
+        return call
+
+    kind, own = type(device), dict[str, Any]()
+    for name in dir(kind):
+        found = getattr_static(kind, name)
+        if name.startswith("_") and name not in ("__enter__", "__exit__"):
+            continue
+        if isfunction(found):
+            own[name] = guarded(found)
+        elif isinstance(found, property) and found.fget is not None:
+            own[name] = found.getter(guarded(found.fget))
+    # Of the object itself: a frozen dataclass refuses any other way.
+    object.__setattr__(device, "__class__", type(kind.__name__, (kind,), {"__slots__": (), **own}))
+    return device
+
+
+def is_loopback_host(name: str) -> bool:
+    """Whether a name or an address is of this machine alone."""
+    try:
+        return name == "localhost" or ip_address(name).is_loopback
+    except ValueError:
+        return False

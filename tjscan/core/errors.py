@@ -407,6 +407,12 @@ class CalibrationRefused(ResultRefused):
     subject = "calibration"
 
 
+class AcceptanceRefused(ResultRefused):
+    """A cell's acceptance can't be finished."""
+
+    subject = "acceptance"
+
+
 class LookRefused(ResultRefused):
     """A look at a partly welded groove can't be one at this weld, as it is now."""
 

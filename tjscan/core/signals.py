@@ -29,6 +29,20 @@ def handle_ctrl_c(handle: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
+def exit_on_termination() -> Iterator[None]:
+    """Let SIGTERM end the program as an exit does, so that what is open is closed and written."""
+
+    def leave(number: int, frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
 def delay_ctrl_c() -> Iterator[None]:
     """Let Ctrl-C wait until the block of the main thread has ended: what it does stays whole."""
     before = signal.getsignal(signal.SIGINT)

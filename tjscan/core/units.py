@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from math import radians
+from math import degrees, radians
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, get_args, get_type_hints
 
 import numpy as np
@@ -117,6 +117,33 @@ class ChosenByName:
 @dataclass(frozen=True, slots=True)
 class NotInFile:
     """Marks a field that no file holds: the program sets it, or its default counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroOrAtLeast:
+    """A bound in the file's unit: zero, or so much either way; less is of another unit.
+
+    Parameters
+    ----------
+    least : float
+        The smallest size that is not zero.
+    """
+
+    least: float
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Refuse what is nearer to zero, and not zero."""
+        from pydantic_core import PydanticCustomError, core_schema
+
+        def check(value: Any) -> Any:
+            if 0 < abs(value) < self.least:
+                bound = {"ge": self.least}
+                raise PydanticCustomError("too_near_zero", "must be 0, or {ge} and more", bound)
+            return value
+
+        return core_schema.no_info_after_validator_function(check, handler(source))
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,6 +291,36 @@ EulerAngles = Annotated[tuple[Coordinate, Coordinate, Coordinate], DEG]
 """Three angles, radians."""
 
 
+RIGHT_ANGLES_RAD: Final = (1.57, 1.571, 1.5708, 1.570796, 3.14, 3.142, 3.1416, 3.14159, 3.141593)
+"""A quarter and half a turn as radians are written; in degrees they are hardly ever meant."""
+
+
+def refuse_radians(key: str, angles: tuple[float, ...], signs: tuple[float, ...] | None) -> None:
+    """Refuse angles in degrees that were radians, and say what to write.
+
+    Parameters
+    ----------
+    key : str
+        Where they are in the file, degrees.
+    angles : tuple of float
+        Radians.
+    signs : tuple of float, optional
+        Numbers of the file one of which must be among them; any fraction, if left out.
+
+    Raises
+    ------
+    ValueError
+        If none is more than a turn in radians, and there is such a sign.
+    """
+    written = DEG.to_file(angles)
+    if max(map(abs, written), default=0.0) > 2 * np.pi:
+        return
+    sizes = [round(abs(v), 6) for v in written]
+    if any(round(v, 1) != v if signs is None else v in signs for v in sizes):
+        meant = [round(degrees(v), 3) for v in written]
+        raise ValueError(f"{key}: {list(written)} looks like radians: write {meant}")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseSettings(SettingsTable):
     """Settings of a pose: position and Z-Y-X Euler angles, as robot controllers show them.
@@ -278,6 +335,9 @@ class PoseSettings(SettingsTable):
 
     position: Position
     euler_zyx: EulerAngles
+
+    def __post_init__(self) -> None:
+        refuse_radians("euler_zyx_deg", self.euler_zyx, RIGHT_ANGLES_RAD)
 
     @property
     def T(self) -> Array:
@@ -310,6 +370,10 @@ def pose_to_rows_mm(T: Array) -> tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRo
     return a, b, c, d
 
 
+SMALLEST_OFFSET_MM: Final = 1.0
+"""No device is mounted nearer to a flange's middle, unless it is there exactly."""
+
+
 class _CheckedPoseRows:
     """Refuses rows that are no pose."""
 
@@ -319,7 +383,13 @@ class _CheckedPoseRows:
         from pydantic_core import core_schema
 
         def check(rows: Any) -> Any:
+            T = np.array(rows)
+            if not np.array_equal(T[3], (0, 0, 0, 1)) and np.array_equal(T[:, 3], (0, 0, 0, 1)):
+                raise ValueError("is transposed: the position is the last column, not the last row")
             pose_from_rows_mm(rows)
+            if 0 < np.abs(T[:3, 3]).max() < SMALLEST_OFFSET_MM:
+                meant = [float(f"{1e3 * value:.6g}") for value in T[:3, 3]]
+                raise ValueError(f"its last column looks like metres: write {meant}")
             return rows
 
         return core_schema.no_info_after_validator_function(

@@ -218,7 +218,7 @@ class GrooveSettings(SettingsTable):
     """
 
     model: Annotated[GrooveModel, ChosenByName(GROOVE_MODELS)] = TEE_GROOVE
-    noise: Annotated[float, Gt(0), Le(5), MM] = 0.05e-3
+    noise: Annotated[float, Ge(0.001), Le(5), MM] = 0.05e-3
     minimum_points: Annotated[int, Ge(20), Le(10_000)] = 80
     largest_sigma: Annotated[float, Gt(0), Le(10), MM] = 0.6e-3
     largest_rms: Annotated[float, Gt(0), Le(10), MM] = 0.15e-3

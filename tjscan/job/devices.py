@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, replace
-from ipaddress import ip_address
 from math import radians
 from time import monotonic
 from typing import Annotated, Any, ClassVar, Final, Self
@@ -22,7 +21,7 @@ from pydantic_core import core_schema
 
 from tjscan.core import units
 from tjscan.core.config import table_to_dict, validate_table
-from tjscan.core.devices import DriverKind, DriverRegistry
+from tjscan.core.devices import DriverKind, DriverRegistry, is_loopback_host
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.joint.tubes.fit import ArmRepeatability
@@ -315,7 +314,10 @@ class LaserSettings(DeviceSettings):
 
     def __post_init__(self) -> None:
         if self.near >= self.far:
-            raise ValueError("near_mm must be smaller than far_mm")
+            raise ValueError(
+                f"near_mm must be smaller than far_mm (found {1e3 * self.near:g} and "
+                f"{1e3 * self.far:g}); swapped?"
+            )
         if self.driver == "replay" and self.recording is None:
             raise ValueError('driver "replay" needs a recording: a run directory, or its scan.mcap')
 
@@ -338,11 +340,7 @@ class PowerSettings(DeviceSettings):
         """Whether it melts no metal: it is simulated, or a stand-in that listens here."""
         if self.driver != "modbus":
             return self.driver_kind is DriverKind.SIMULATED
-        host = self.driver_settings.host
-        try:
-            return bool(host == "localhost" or ip_address(host).is_loopback)
-        except ValueError:
-            return False
+        return is_loopback_host(self.driver_settings.host)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar, cast
+from typing import Annotated, Any, Final, Self, TypeVar, cast
 
 import numpy as np
 from annotated_types import MaxLen, MinLen
@@ -24,6 +24,9 @@ from tjscan.job.reading import casefolded_name, read_job, replace_keys
 from tjscan.laser.model import LaserModel
 from tjscan.scanning.plan import ScanPlan
 
+LEAST_FLANGE_DISTANCE: Final = 0.01
+"""Metres of a taught flange from the base frame's origin, along one axis at least."""
+
 
 class CellJob(StrictFileModel):
     """Base of scan and calibration jobs: arm, laser, calibration, stations and surroundings."""
@@ -33,6 +36,8 @@ class CellJob(StrictFileModel):
     calibration: CalibrationSettings
     board: surroundings.BoardSettings | None = None
     ball: surroundings.BallSettings | None = None
+    artefact: surroundings.ArtefactSettings | None = None
+    accept: surroundings.AcceptanceSettings = surroundings.AcceptanceSettings()
     joint: surroundings.JointSettings | None = None
     station: Annotated[
         tuple[surroundings.StationSettings, ...], MaxLen(50), LIST_OR_WORD_IN_FILE
@@ -189,6 +194,18 @@ class ScanJob(CellJob):
                 'a continuous scan (mode = "continuous") has a section every section_mm: say how '
                 "far it shall go with length_mm",
             )
+        tables = {"scan": self.scan} | {f"station.{i}": one for i, one in enumerate(self.station)}
+        for name, table in tables.items():
+            for which in ("first", "second"):
+                start = getattr(table, which)
+                if start is not None and 0 < max(map(abs, start.position)) < LEAST_FLANGE_DISTANCE:
+                    found = [float(f"{1e3 * value:.6g}") for value in start.position]
+                    meant = [float(f"{1e6 * value:.6g}") for value in start.position]
+                    yield (
+                        f"{name}.{which}.position_mm",
+                        f"no flange is in the middle of its base; {found} looks like metres: "
+                        f"write {meant}",
+                    )
         for which in ("first", "second"):
             taught = getattr(self.scan, which) is not None
             if taught == bool(self.station):
@@ -229,6 +246,15 @@ class CalibrationJob(CellJob):
     groove: GrooveSettings | None = None
 
 
+class AcceptanceJob(CellJob):
+    """A job file of a cell with an artefact; it may have a [scan] table too."""
+
+    ball: surroundings.BallSettings
+    artefact: surroundings.ArtefactSettings
+    scan: ScanPlan | None = None
+    groove: GrooveSettings | None = None
+
+
 class RecordedJob(StrictFileModel):
     """A job file of a calibration from recorded profiles: nothing moves."""
 
@@ -239,7 +265,7 @@ class RecordedJob(StrictFileModel):
     noise: NoiseModel = NoiseModel()
 
 
-J = TypeVar("J", bound=ScanJob | CalibrationJob | RecordedJob)
+J = TypeVar("J", bound=ScanJob | CalibrationJob | AcceptanceJob | RecordedJob)
 
 
 def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
@@ -250,6 +276,11 @@ def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJo
 def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
     """Read the job of a calibration, with single keys replaced; see `read_job`."""
     return read_located_job(CalibrationJob, file, overrides)
+
+
+def read_acceptance_job(file: Path, overrides: dict[str, Any] | None = None) -> AcceptanceJob:
+    """Read the job of an acceptance, with single keys replaced; see `read_job`."""
+    return read_located_job(AcceptanceJob, file, overrides)
 
 
 def read_recorded_job(file: Path, overrides: dict[str, Any] | None = None) -> RecordedJob:

@@ -55,6 +55,7 @@ FILE_KINDS: Final = (
         "run it with 'tjscan calibrate'",
     ),
     FileKind("calibrate", "a job of a calibration", {"board"}, "run it with 'tjscan calibrate'"),
+    FileKind("accept", "a job of an acceptance", {"artefact"}, "run it with 'tjscan accept'"),
     FileKind("study", "a study", {"job"}, "run it with 'tjscan study'"),
     FileKind(
         "wps",

@@ -6,10 +6,11 @@ The tables of a cell's job and of a simulation's true world.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from datetime import date
 from math import radians
 from typing import Annotated, Final, Literal
 
-from annotated_types import Ge, Gt, Le, MaxLen
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import Field
 
 from tjscan.calibration.noise import NoiseModel
@@ -96,6 +97,7 @@ class BoardSettings(units.PoseSettings):
     noise: NoiseModel = field(default_factory=NoiseModel)
 
     def __post_init__(self) -> None:
+        units.PoseSettings.__post_init__(self)
         if min(self.size) < SMALLEST_BOARD_SIZE:
             raise ValueError(f"size_mm: a board is {1e3 * SMALLEST_BOARD_SIZE:g} mm wide or wider")
 
@@ -129,6 +131,86 @@ class BallSettings(units.SettingsTable):
     noise: NoiseModel = field(
         default_factory=lambda: NoiseModel(position=3e-5, rotation=radians(0.004))
     )
+
+
+Certified = Annotated[float, Gt(0), Le(units.FARTHEST_DISTANCE_MM), units.MM]
+"""A certified length, metres."""
+
+Expanded = Annotated[float, Gt(0), Le(10), units.MM]
+"""Its expanded uncertainty, metres."""
+
+Day = Annotated[date, Field(strict=False)]
+"""A date, such as 2026-01-12."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArtefactSettings(units.SettingsTable):
+    """The table [artefact]: the certificate of the ball in [ball], or of a bar with a second one.
+
+    Parameters
+    ----------
+    kind : str
+        ``ball`` or ``ball bar``.
+    certificate, laboratory : str
+        Number of the certificate, and who issued it, or the instrument that measured it.
+    date, valid_until : datetime.date
+        When it was issued, and the last day on which it holds.
+    radius, radius_expanded : float
+        Of the ball, of both of a bar, and its expanded uncertainty, metres.
+    second : tuple of float, optional
+        About where the centre of a bar's second ball is, frame b, metres.
+    distance, distance_expanded : float, optional
+        Between a bar's centres, and its expanded uncertainty, metres.
+    fixed : bool
+        Whether it stays in its place: earlier acceptances then saw it there, too.
+    """
+
+    kind: Literal["ball", "ball bar"] = "ball"
+    certificate: Annotated[str, MinLen(1)]
+    laboratory: Annotated[str, MinLen(1)]
+    date: Day
+    valid_until: Day
+    radius: Certified
+    radius_expanded: Expanded
+    second: units.Position | None = None
+    distance: Certified | None = None
+    distance_expanded: Expanded | None = None
+    fixed: bool = False
+
+    def __post_init__(self) -> None:
+        given = [self.second, self.distance, self.distance_expanded]
+        if (self.kind == "ball bar") != all(one is not None for one in given) or (
+            self.kind == "ball" and any(one is not None for one in given)
+        ):
+            raise ValueError(
+                'second_mm, distance_mm and distance_expanded_mm belong to kind = "ball bar", '
+                "which needs all three"
+            )
+        if self.valid_until < self.date:
+            raise ValueError("valid_until is before date")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcceptanceSettings(units.SettingsTable):
+    """The table [accept]: how often an acceptance looks, and limits that nothing else states.
+
+    Parameters
+    ----------
+    returns : int
+        To one pose, for its repeatability; ISO 9283 has 30.
+    postures : int
+        From which the calibration is checked.
+    stopping : float, optional
+        Longest stopping distance of the flange from the job's speed, metres; if left out, what its
+        acceleration in [arm] allows after a tenth of a second.
+    clock_drift : float
+        Largest drift of the laser's clock against the arm's, as a share: quartz is good to 100 ppm.
+    """
+
+    returns: Annotated[int, Ge(10), Le(1000)] = 30
+    postures: Annotated[int, Ge(10), Le(500)] = 24
+    stopping: Annotated[float | None, Gt(0), Le(5000), units.MM] = None
+    clock_drift: Annotated[float, Gt(0), Le(1000), units.PPM_UNIT] = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +264,7 @@ class StationSettings(StationPoseSettings):
     """
 
     direction: Annotated[ScanDirection, units.LIST_OR_WORD_IN_FILE] | None = None
-    length: Annotated[float | None, Gt(0), units.MM] = None
+    length: Annotated[float | None, Ge(5), units.MM] = None
     sections: Annotated[int | None, Ge(3)] = None
     first: units.PoseSettings
     second: units.PoseSettings

@@ -15,6 +15,7 @@ from hmac import compare_digest
 from http import HTTPStatus
 from http.client import HTTPConnection
 from typing import Any, Final
+from urllib.parse import urlsplit
 
 import rich
 import viser
@@ -23,6 +24,7 @@ from websockets.asyncio import server as websockets_server
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
+from tjscan.core.devices import is_loopback_host
 from tjscan.core.errors import PageUnavailable
 
 LOOPBACK_ADDRESS: Final = "127.0.0.1"
@@ -60,7 +62,7 @@ def open_server(address: str, port: int, token: str, label: str) -> viser.ViserS
         without the token.
     """
     _check_can_bind(address, port)
-    with _servers_require_token(token):
+    with _servers_require_token(address, token):
         server = UnsharedServer(host=address, port=port, label=label, verbose=False)
     try:
         if port and server.get_port() != port:
@@ -113,12 +115,13 @@ def _check_can_bind(address: str, port: int) -> None:
 
 
 @contextmanager
-def _servers_require_token(token: str) -> Iterator[None]:
+def _servers_require_token(address: str, token: str) -> Iterator[None]:
     """While the block runs, servers are made that ask for the token."""
     serve = websockets_server.serve
 
     def serve_guarded(*arguments: Any, process_request: HttpAnswer, **options: Any) -> Any:
-        return serve(*arguments, process_request=_require_token(token, process_request), **options)
+        guarded = _require_token(address, token, process_request)
+        return serve(*arguments, process_request=guarded, **options)
 
     websockets_server.serve = serve_guarded  # type: ignore[misc,assignment]
     try:
@@ -138,15 +141,34 @@ def _silenced_viser() -> Iterator[None]:
         rich.print = print_rich
 
 
-def _require_token(token: str, answer: HttpAnswer) -> HttpAnswer:
-    """Refuse what does not begin with the token, pages and sockets alike; pass the rest on."""
+def _require_token(address: str, token: str, answer: HttpAnswer) -> HttpAnswer:
+    """Refuse what has not the token, pages and sockets alike, or comes from another site's page."""
 
     def answer_with_token(connection: ServerConnection, request: Request) -> Response | None:
         first, _, rest = request.path.lstrip("/").partition("/")
         if not compare_digest(first.encode(), token.encode()):
-            body = b"This page needs the whole address that tjscan printed, with its token.\n"
-            head = Headers({"Content-Type": "text/plain", "Content-Length": str(len(body))})
-            return Response(HTTPStatus.FORBIDDEN, "Forbidden", head, body)
+            return _forbidden(
+                "This page needs the whole address that tjscan printed, its token too"
+            )
+        if not _is_asked_by_own_page(address, request.headers):
+            return _forbidden("This page answers under its own address alone, to its own page")
         return answer(connection, replace(request, path=f"/{rest}"))
 
     return answer_with_token
+
+
+def _forbidden(reason: str) -> Response:
+    body = f"{reason}.\n".encode()
+    head = Headers({"Content-Type": "text/plain", "Content-Length": str(len(body))})
+    return Response(HTTPStatus.FORBIDDEN, "Forbidden", head, body)
+
+
+def _is_asked_by_own_page(address: str, headers: Headers) -> bool:
+    """Whether a browser asks under a name of this server, from a page of this server if from any.
+
+    A page of another site may make a browser ask, and a name that leads here may be anyone's.
+    """
+    host, origin = headers.get("Host", ""), headers.get("Origin")
+    if origin is not None and urlsplit(origin).netloc != host:
+        return False
+    return not is_loopback_host(address) or is_loopback_host(urlsplit(f"//{host}").hostname or "")

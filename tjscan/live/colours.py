@@ -8,6 +8,10 @@ from functools import cache
 from math import floor, isfinite, log10
 from typing import Final
 
+import numpy as np
+
+from tjscan.core.frames import Array
+
 Colour = tuple[int, int, int]
 
 ARM_COLOUR: Final[Colour] = (72, 99, 132)
@@ -61,6 +65,12 @@ def round_scale_ends(values: Iterable[float]) -> tuple[float, float]:
     They are multiples of a tenth to a quarter of the span, so that a scale rarely changes
     while values come in.
     """
+    ticks = scale_ticks(values)
+    return float(ticks[0]), float(ticks[-1])
+
+
+def scale_ticks(values: Iterable[float]) -> Array:
+    """Round numbers from below to above all values that are known, evenly spaced."""
     known = [value for value in values if isfinite(value)]
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
     span = max(high - low, 0.02 * max(abs(low), abs(high)), 1e-6)
@@ -71,7 +81,7 @@ def round_scale_ends(values: Iterable[float]) -> tuple[float, float]:
     )
     first = floor(low / step + 1e-9)
     last = max(-floor(-high / step + 1e-9), first + 1)
-    return first * step, last * step
+    return np.asarray(step * np.arange(first, last + 1), dtype=float)
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from queue import Full, Queue
 from threading import Event, Thread
 from typing import Any, Final
@@ -11,6 +11,7 @@ from typing import Any, Final
 from tjscan.core.errors import PageUnavailable
 from tjscan.live.page import Button, Page, PageAddress
 from tjscan.live.step import STATE_FACT, Show, Step, merge_steps
+from tjscan.recording.journal import RunEvent
 
 Report = Callable[[str], object]
 """Receives messages, each a sentence."""
@@ -87,7 +88,7 @@ class RunOnPage:
 
     def __init__(self, page: Page | None, show: Show, report: Report) -> None:
         self.page, self._show = page, show
-        self._started = Event()
+        self._started, self._how_it_ended = Event(), ""
         self._feed = None if page is None else LiveFeed(self._draw_entries, report)
 
     def record(self, message: object) -> None:
@@ -128,11 +129,15 @@ class RunOnPage:
 
     def close(self) -> None:
         """Show what is waiting, and end."""
-        if self._feed is not None:
+        if self._feed is not None and self.page is not None:
             self._feed.close()
+            with suppress(Exception):  # whatever it is, the run is over
+                self.page.show_end(self._how_it_ended)
 
     def _draw_entries(self, entries: Sequence[object]) -> None:
         if self.page is not None:
+            for event in (one for one in entries if isinstance(one, RunEvent)):
+                self._how_it_ended = f"{event.name}, {event.detail}"
             steps = [
                 one if isinstance(one, Step) else self._show.step_of_entry(one) for one in entries
             ]

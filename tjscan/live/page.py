@@ -17,7 +17,15 @@ from tjscan.live.colours import ColourScale, viridis_colours
 from tjscan.live.drawables import ArmPosture, Drawable, MeasuredPiece
 from tjscan.live.panel import Panel
 from tjscan.live.stage import Stage
-from tjscan.live.step import Measure, RecordedShow, SceneSetup, Step, merge_steps
+from tjscan.live.step import (
+    BUTTONS_FACT_NAME,
+    STATE_FACT,
+    Measure,
+    RecordedShow,
+    SceneSetup,
+    Step,
+    merge_steps,
+)
 
 FIELD_OF_VIEW: Final = 0.75
 """Radians, of the picture's height."""
@@ -182,6 +190,12 @@ class Page:
         with self._changing:
             for word, enabled in words.items():
                 self._buttons[word].disabled = not enabled
+
+    def show_end(self, how: str) -> None:
+        """Show that the run is over, and how; no button can be pressed any more."""
+        self.enable_buttons(dict.fromkeys(self._buttons, False))
+        facts = {STATE_FACT: f"ended{': ' * bool(how)}{how}", BUTTONS_FACT_NAME: ""}
+        self.show_step(Step(facts=facts))
 
     def add_buttons(self, buttons: Sequence[Button]) -> None:
         """Add buttons; none that is pressed acts on the others before they are there."""

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import viser
 from jinja2 import Environment, PackageLoader
-from viser import uplot
 
 from tjscan.core.frames import Array
-from tjscan.live.colours import ColourScale, round_scale_ends
+from tjscan.live.colours import ColourScale, scale_ticks
 from tjscan.live.step import (
     BUTTONS_FACT_NAME,
     STATE_FACT,
@@ -32,16 +32,14 @@ MOST_PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
 INITIAL_FACTS: Final = {STATE_FACT: "", BUTTONS_FACT_NAME: ""}
 """Before any is known; these two come first."""
-CHART_HEIGHT: Final = 200
-CHART_PADDING: Final = (8, 24, 0, 0)
-"""Pixels above, to the right, below and to the left: half a number is above the axis."""
-PROFILE_AXES: Final = ("x / mm", "z / mm")
-LABEL_FONT: Final = "11px system-ui, sans-serif"
+CHART_SIZE: Final = (340, 150)
+"""Of a chart's plane, without its axes, in units of its own."""
 VALUE_COLOUR: Final = "#2a6fbb"
-SIGMA_COLOUR: Final = "rgba(42,111,187,0.35)"
 FIT_COLOUR: Final = "#d0452f"
-LARGE_POINT_STYLE: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": VALUE_COLOUR}
-SMALL_POINT_STYLE: Final[uplot.Series_Points] = {"show": True, "size": 3}
+LETTER_WIDTH: Final = 7.0
+LINE_HEIGHT: Final = 14.0
+"""Of a chart's numbers, in its units."""
+CLOCK_HOURS: Final = 12.0
 
 HTML_MACROS: Final = (
     Environment(loader=PackageLoader("tjscan.live", "."), autoescape=True, trim_blocks=True)
@@ -70,20 +68,8 @@ class Panel:
         self.state = gui.add_html(_fill_macro("facts", {}), order=STATE_PANEL_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
-        self._plot = _add_chart(
-            gui,
-            setting.plot_axis,
-            "",
-            uplot.Series(label="value", stroke=VALUE_COLOUR, width=0, points=LARGE_POINT_STYLE),
-            uplot.Series(label="+ sigma", stroke=SIGMA_COLOUR, width=0, points=SMALL_POINT_STYLE),
-            uplot.Series(label="- sigma", stroke=SIGMA_COLOUR, width=0, points=SMALL_POINT_STYLE),
-        )
-        self._profile = _add_chart(
-            gui,
-            *PROFILE_AXES,
-            uplot.Series(label="profile", stroke=VALUE_COLOUR, width=0, points=SMALL_POINT_STYLE),
-            uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
-        )
+        self._plot = gui.add_html("", visible=False)
+        self._profile = gui.add_html("", visible=False)
         self._table = gui.add_html("", visible=False)
         self.diagram = gui.add_html("", visible=False)
         self._drawn_diagram: StateDiagram | None = None
@@ -115,9 +101,8 @@ class Panel:
             self._drawn_diagram, self.diagram.visible = step.diagram, True
             self.diagram.content = _fill_macro("diagram", step.diagram)
         if step.profile is not None:
-            x, *others = columns = profile_columns(step.profile)
-            ends = round_scale_ends(np.concatenate(others))
-            _redraw_chart(self._profile, columns, x_ends=round_scale_ends(x), y={"range": ends})
+            self._profile.visible = True
+            self._profile.content = _fill_macro("chart", profile_chart(step.profile))
         if step.samples and measure is not None:
             self.samples.extend(step.samples)
             self.plot_measure(measure, scale)
@@ -133,55 +118,16 @@ class Panel:
 
     def plot_measure(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
-        columns = plot_columns(self.samples, measure.name)
-        x_ends = self._setting.plot_range or round_scale_ends(columns[0])
-        ends = plot_range(*columns[1:3])
-        scale_of_y: uplot.Scale = {"distr": 3} if measure.logarithmic else {"range": ends}
-        _redraw_chart(self._plot, columns, x_ends=x_ends, y=scale_of_y)
         self._plot.visible = bool(self.samples)
-        axes = _plot_axes(self._setting.plot_axis, measure.title)
-        if self._plot.axes != axes:
-            self._plot.axes = axes
+        self._plot.content = _fill_macro(
+            "chart", measure_chart(self.samples, measure, self._setting)
+        )
         self._legend.visible = scale is not None
         self._legend.content = "" if scale is None else _fill_macro("legend", measure.title, scale)
 
 
 def _fill_macro(macro: str, *values: object) -> str:
     return str(getattr(HTML_MACROS, macro)(*values))
-
-
-def _add_chart(gui: viser.GuiApi, x: str, y: str, *series: uplot.Series) -> Any:
-    return gui.add_uplot(
-        data=(np.zeros(0),) * (1 + len(series)),
-        series=(uplot.Series(label=x), *series),
-        scales={"x": {"time": False}},
-        axes=_plot_axes(x, y),
-        legend={"show": False},
-        height=CHART_HEIGHT,
-        padding=CHART_PADDING,
-        visible=False,
-    )
-
-
-def _redraw_chart(
-    chart: Any, columns: Sequence[Array], *, x_ends: tuple[float, float], y: uplot.Scale
-) -> None:
-    """Show other data in a chart; a scale that changes makes the browser build it again.
-
-    The ends of x are stated: otherwise the browser takes the ends of the data that it had
-    as it built the chart, which at first were none.
-    """
-    chart.visible, chart.data = True, columns
-    scales = {"x": {"time": False, "auto": False, "range": x_ends}, "y": y}
-    if chart.scales != scales:
-        chart.scales = scales
-
-
-def _plot_axes(x: str, y: str) -> tuple[uplot.Axis, uplot.Axis]:
-    return (
-        uplot.Axis(label=x, labelFont=LABEL_FONT, labelSize=20, size=34),
-        uplot.Axis(label=y, labelFont=LABEL_FONT, labelSize=20, size=56),
-    )
 
 
 def plot_columns(samples: Sequence[Sample], name: str) -> tuple[Array, Array, Array, Array]:
@@ -211,13 +157,136 @@ def plot_range(y: Array, above: Array | None = None) -> tuple[float, float]:
     return float(known.min()) - margin, float(known.max()) + margin
 
 
-def profile_columns(curve: PlaneCurve) -> tuple[Array, ...]:
-    """Columns of the newest profile's plot: x, its points, and the corners fitted to them."""
-    known = np.flatnonzero(np.isfinite(curve.x) & np.isfinite(curve.z))
+@dataclass(frozen=True, slots=True)
+class DrawnChart:
+    """A chart as SVG has it: its plane is `CHART_SIZE` large, x to the right and y down.
+
+    Parameters
+    ----------
+    x_label, y_label : str
+        Of the axes, with units.
+    x_ticks, y_ticks : sequence of (float, str)
+        Where their numbers are, and these.
+    paths : sequence of (str, str, float)
+        What is drawn, its colour, and its width: a path of points that are nowhere is dots.
+    """
+
+    x_label: str
+    y_label: str
+    x_ticks: Sequence[tuple[float, str]]
+    y_ticks: Sequence[tuple[float, str]]
+    paths: Sequence[tuple[str, str, float]]
+
+
+def measure_chart(samples: Sequence[Sample], measure: Measure, setting: SceneSetup) -> DrawnChart:
+    """Draw a measure over the plot's axis: values, and below and above them one sigma."""
+    x, y, above, below = plot_columns(samples, measure.name)
+    by_clock = setting.plot_by_clock
+    x = hours_in_one_piece(x) if by_clock else x
+    x_ticks = scale_ticks(x)
+    if by_clock:
+        x_ticks = np.arange(np.floor(min(x, default=0.0)), np.ceil(max(x, default=12.0)) + 1)
+    x_names = [f"{(tick - 1) % CLOCK_HOURS + 1:g}" if by_clock else f"{tick:g}" for tick in x_ticks]
+    if measure.logarithmic:
+        y, above, below = (np.log10(np.maximum(one, 1e-12)) for one in (y, above, below))
+        known = y[np.isfinite(y)]
+        y_ticks = np.arange(np.floor(min(known, default=0.0)), np.ceil(max(known, default=0.0)) + 1)
+        y_ticks = y_ticks if len(y_ticks) > 1 else np.array((y_ticks[0], y_ticks[0] + 1))
+        y_names = [f"{10.0**tick:g}" for tick in y_ticks]
+    else:
+        y_ticks = scale_ticks(plot_range(y, above))
+        y_names = [f"{tick:g}" for tick in y_ticks]
+    to_plane = _PlaneScale(x_ticks, y_ticks)
+    paths = [
+        (to_plane.path(x, values, dots=True), VALUE_COLOUR, width)
+        for values, width in ((above, 2.5), (below, 2.5), (y, 5.0))
+    ]
+    return to_plane.chart(setting.plot_axis, measure.title, x_names, y_names, paths)
+
+
+def hours_in_one_piece(hours: Array) -> Array:
+    """Hours of a clock, shape (n,), on either side of 12 where they go over it."""
+    if not len(hours):
+        return hours
+    known = np.sort(hours % CLOCK_HOURS)
+    gaps = np.diff(known, append=known[0] + CLOCK_HOURS)
+    start = known[(int(gaps.argmax()) + 1) % len(known)]
+    start -= CLOCK_HOURS * (start > CLOCK_HOURS / 2)
+    return np.asarray((hours - start + 1e-9) % CLOCK_HOURS + start)
+
+
+def profile_chart(curve: PlaneCurve) -> DrawnChart:
+    """Draw the newest profile, both axes to the same scale, and what was fitted to it."""
+    known = np.flatnonzero(np.isfinite(curve.across) & np.isfinite(curve.up))
     thin = known[:: max(1, len(known) // MOST_PROFILE_POINTS)]
-    corners = curve.fitted
-    xs = np.concatenate((curve.x[thin], corners[:, 0]))
-    points = np.concatenate((curve.z[thin], np.full(len(corners), np.nan)))
-    fitted = np.concatenate((np.full(len(thin), np.nan), corners[:, 1]))
-    order = np.argsort(xs, kind="stable")
-    return xs[order], points[order], fitted[order]
+    x, y = curve.across[thin], curve.up[thin]
+    x_ticks, y_ticks = (
+        scale_ticks((*x, *curve.fitted[:, 0])),
+        scale_ticks((*y, *curve.fitted[:, 1])),
+    )
+    to_plane = _PlaneScale(x_ticks, y_ticks, equal=True)
+    paths = [
+        (to_plane.path(x, y, dots=True), VALUE_COLOUR, 3.0),
+        (to_plane.path(*curve.fitted.T), FIT_COLOUR, 2.0),
+    ]
+    x_names, y_names = ([f"{tick:g}" for tick in ticks] for ticks in (x_ticks, y_ticks))
+    return to_plane.chart(*curve.axes, x_names, y_names, paths)
+
+
+class _PlaneScale:
+    """From values to a chart's plane, whose ends are the first and the last ticks.
+
+    Parameters
+    ----------
+    x_ticks, y_ticks : ndarray
+        Of both axes, from the smallest.
+    equal : bool
+        Whether both axes have one scale: the other is in the middle then.
+    """
+
+    def __init__(self, x_ticks: Array, y_ticks: Array, *, equal: bool = False) -> None:
+        self._ticks = x_ticks, y_ticks
+        self._first = np.array((x_ticks[0], y_ticks[0]))
+        span = np.array((x_ticks[-1], y_ticks[-1])) - self._first
+        scale = np.array(CHART_SIZE) / span
+        self._scale = np.full(2, scale.min()) if equal else scale
+        self._shift = 0.5 * (np.array(CHART_SIZE) - self._scale * span)
+
+    def _in_plane(self, x: Array, y: Array) -> Array:
+        right = self._shift + self._scale * (np.column_stack((x, y)) - self._first)
+        return np.asarray(right * (1, -1) + (0, CHART_SIZE[1]))
+
+    def path(self, x: Array, y: Array, *, dots: bool = False) -> str:
+        """Path through points, or dots at them; what is not known, or beyond the plane, is left."""
+        points = self._in_plane(x, y)
+        inside = ((points >= -1) & (points <= np.array(CHART_SIZE) + 1)).all(axis=1)
+        texts = [f"{x:.1f} {y:.1f}" for x, y in points[inside]]
+        return (
+            "".join(f"M{text}h0" for text in texts) if dots else "M" * bool(texts) + "L".join(texts)
+        )
+
+    def chart(
+        self,
+        x_label: str,
+        y_label: str,
+        x_names: list[str],
+        y_names: list[str],
+        paths: Sequence[tuple[str, str, float]],
+    ) -> DrawnChart:
+        """Make the chart of paths, with the names of the ticks."""
+        x_ticks, y_ticks = self._ticks
+        across = self._in_plane(x_ticks, np.full(len(x_ticks), y_ticks[0]))[:, 0]
+        down = self._in_plane(np.full(len(y_ticks), x_ticks[0]), y_ticks)[:, 1]
+        widest = LETTER_WIDTH * (2 + max(map(len, x_names)))
+        x_named, y_named = _spaced(across, x_names, widest), _spaced(down, y_names, LINE_HEIGHT)
+        return DrawnChart(x_label, y_label, x_named, y_named, paths)
+
+
+def _spaced(places: Array, names: list[str], least: float) -> list[tuple[float, str]]:
+    """Places of ticks with their names; those too near each other to be read go without."""
+    apart = float(np.abs(np.diff(places)).min())
+    every = max(int(np.ceil(least / max(apart, 1e-9))), 1)
+    return [
+        (float(at), name if k % every == 0 else "")
+        for k, (at, name) in enumerate(zip(places, names, strict=True))
+    ]

@@ -76,22 +76,37 @@ class PlaneCurve:
 
     Parameters
     ----------
-    x, z : ndarray, shape (n,)
-        Of the points.
+    across, up : ndarray, shape (n,)
+        Of the points, as they are shown.
     fitted : ndarray, shape (k, 2)
         Corners of the polyline that was fitted; empty if none was.
     """
 
-    x: Array
-    z: Array
+    across: Array
+    up: Array
     fitted: Array = field(default_factory=lambda: np.empty((0, 2)))
+    axes: tuple[str, str] = ("across / mm", "height / mm")
 
     @classmethod
-    def of_profile(cls, profile: Profile, corners_s: Array | None = None) -> Self:
-        """Return a profile, and the corners that were fitted to it, shape (k, 3), metres."""
+    def of_profile(cls, profile: Profile) -> Self:
+        """Return a profile as the sensor above sees it: what is deeper is farther down."""
         points = 1e3 * profile.points_s
-        fitted = np.empty((0, 2)) if corners_s is None else 1e3 * corners_s[:, [0, 2]]
-        return cls(points[:, 0], points[:, 2], fitted)
+        return cls(points[:, 0], -points[:, 2], axes=("x / mm", "−z / mm"))
+
+    @classmethod
+    def along_groove(cls, profile: Profile, corners_s: Array | None = None) -> Self:
+        """Return a profile along the groove of a joint, the brace up, the leg down.
+
+        Parameters
+        ----------
+        profile : Profile
+        corners_s : ndarray, shape (k, 3), optional
+            Corners that were fitted to it, metres.
+        """
+        corners = np.empty((0, 3)) if corners_s is None else corners_s
+        points, fitted = (1e3 * one[:, [2, 0]] * (-1, 1) for one in (profile.points_s, corners))
+        axes = ("−z / mm, towards the sensor", "x / mm, up the brace")
+        return cls(points[:, 0], points[:, 1], fitted, axes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +130,13 @@ class StateDiagram:
     now: str
     alarm: str = ""
 
-    @property
-    def arrows(self) -> list[tuple[int, int, str]]:
-        """Numbers of two states and all events that lead from one to the other."""
-        labels: dict[tuple[int, int], list[str]] = {}
+    def ways_from(self, state: str) -> list[tuple[str, str]]:
+        """States that a state leads to, with all events that do so."""
+        labels: dict[str, list[str]] = {}
         for start, end, label in self.transitions:
-            labels.setdefault((self.states.index(start), self.states.index(end)), []).append(label)
-        return [(start, end, " / ".join(events)) for (start, end), events in labels.items()]
+            if start == state:
+                labels.setdefault(end, []).append(label)
+        return [(end, ", ".join(events)) for end, events in labels.items()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,8 +208,8 @@ class SceneSetup:
         What may be coloured by and plotted, the most wanted first.
     plot_axis : str
         What the samples' x is, with its unit.
-    plot_range : tuple of float or None
-        Ends of that axis; as the samples have them if left out.
+    plot_by_clock : bool
+        Whether that axis is hours of a clock.
     arm : Kinematics or None
     solids : tuple of Solid
         What is about, in frame b.
@@ -215,7 +230,7 @@ class SceneSetup:
     title: str
     measures: tuple[Measure, ...] = ()
     plot_axis: str = ""
-    plot_range: tuple[float, float] | None = None
+    plot_by_clock: bool = False
     arm: Kinematics | None = None
     solids: tuple[Solid, ...] = ()
     tool: tuple[Solid, ...] = ()

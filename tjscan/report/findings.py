@@ -13,7 +13,7 @@ from tjscan.groove.section import FROM_NEIGHBOURS
 from tjscan.report.data import ReportData
 from tjscan.result.chapter import HeadlineNumber, verdict_on
 from tjscan.result.directory import JOINT_FILE
-from tjscan.result.summary import LOOP_OPEN_TEXT, StitchingReport
+from tjscan.result.summary import LOOP_OPEN_TEXT, ScanSummary, StitchingReport
 
 GAP_RATIO: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
@@ -177,6 +177,11 @@ def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
         f"{summary.groove_length_mm:.0f} mm of groove",
         f"{summary.sections} sections, {describe_coverage(data)}",
     )
+    yield from summary_headline(summary)
+
+
+def summary_headline(summary: ScanSummary) -> Iterator[HeadlineNumber]:
+    """Give what a summary alone says of the headline: the verdict, and how sure a corner is."""
     did = "did" if summary.complete else "did not do"
     yield verdict_on(summary.complete, f"the scan {did} what was asked")
     if summary.uncertainty is not None:

@@ -32,8 +32,12 @@ class ClearanceMargins(SettingsTable):
     The defaults are assumptions about a cell that was measured with a tape.
     """
 
-    solids: Annotated[float, Ge(0), Le(500), units.MM.with_key("margin_mm")] = 0.01
-    own: Annotated[float, Ge(0), Le(500), units.MM.with_key("self_margin_mm")] = 0.005
+    solids: Annotated[
+        float, Ge(0), Le(500), units.ZeroOrAtLeast(0.5), units.MM.with_key("margin_mm")
+    ] = 0.01
+    own: Annotated[
+        float, Ge(0), Le(500), units.ZeroOrAtLeast(0.5), units.MM.with_key("self_margin_mm")
+    ] = 0.005
     singular: Annotated[float, Ge(0), Le(1), units.FileKey("smallest_singular_value")] = 0.02
 
 
@@ -129,6 +133,9 @@ class ArmSimulationSettings(SettingsTable):
     wander: Annotated[float, Gt(0), Le(100), units.SECONDS] = 0.5
     errors: ArmErrorSettings | None = None
 
+    def __post_init__(self) -> None:
+        units.refuse_radians("home_deg", self.home, None)
+
 
 @dataclass(frozen=True, slots=True)
 class Box:
@@ -195,7 +202,7 @@ class Solid:
     T: Array
 
 
-_LengthMm = Annotated[float, Gt(0), Le(units.FARTHEST_DISTANCE_MM)]
+_LengthMm = Annotated[float, Ge(1), Le(units.FARTHEST_DISTANCE_MM)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,6 +229,7 @@ class SolidSettings(PoseSettings):
     length: Annotated[_LengthMm | None, units.MM] = None
 
     def __post_init__(self) -> None:
+        PoseSettings.__post_init__(self)
         is_box = self.kind == "box"
         round_sizes = (self.radius, self.length)
         if is_box != (self.size is not None) or any(is_box != (s is None) for s in round_sizes):

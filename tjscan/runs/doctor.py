@@ -15,12 +15,11 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, TjscanError
-from tjscan.groove.section import GrooveSection
 from tjscan.job.cell import Cell, clear_path_planner_of_job
 from tjscan.job.devices import LaserSettings
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.laser.line_laser import SelfDescribingLaser
-from tjscan.laser.profile import Profile
+from tjscan.runs.scan.rehearsal import check_scan_job, is_simulated
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, result_frame_of_job
 from tjscan.scanning.continuous.stream import PROFILE_PERIOD
 
@@ -41,6 +40,10 @@ difference is another arm, for a kinematic calibration corrects less."""
 
 FEWEST_POINTS_IN_RANGE: Final = 100
 """Points of a profile below which nothing is in the sensor's range."""
+
+
+MOST_POINTS_BEYOND: Final = 0.5
+"""Share of the points that may be out of the stated range: more is another range, or unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,11 +136,19 @@ def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
             yield _run_check("model", _compare_arm_with_model, cell)
             yield _run_check("stance", _describe_nearest_bodies, cell)
         if laser.passed and arm.passed:
-            yield _run_check("profile", _describe_profile, cell, groove_reader_of_job(job))
+            yield _run_check("profile", _describe_profile, cell, job)
         if arm.passed:
             first, second = (start.T for start in job.start_poses)
-            yield _run_check("first pose", _check_arm_path, cell, first)
-            yield _run_check("second pose", _check_arm_path, cell, first, second)
+            poses = [
+                _run_check("first pose", _check_arm_path, cell, first),
+                _run_check("second pose", _check_arm_path, cell, first, second),
+            ]
+            yield from poses
+    if arm.passed and laser.passed and is_simulated(job):
+        groove = _run_check("groove", _rehearse, ScanContext(job, job_file))
+        # What is wrong with a pose is said once, or again with what to write instead.
+        if all(pose.passed for pose in poses) or isinstance(groove.error, ConfigurationError):
+            yield groove
 
 
 def _run_check(what: str, look: Callable[..., str], *things: Any) -> CheckResult:
@@ -223,16 +234,32 @@ def _compare_laser_range(laser: SelfDescribingLaser, table: LaserSettings) -> st
     return f"{able}; the job expects {wanted}"
 
 
-def _describe_profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
+def _rehearse(context: ScanContext) -> str:
+    check_scan_job(context)
+    return "is read at both taught poses"
+
+
+def _describe_profile(cell: Cell, job: ScanJob) -> str:
+    read, table = groove_reader_of_job(job), job.laser
     profile = cell.laser.capture()
     valid = int(profile.valid.sum())
     points = f"{valid} of {len(profile)} points"
     if valid < FEWEST_POINTS_IN_RANGE:
         return f"{points}: nothing in range of the arm's place"
+    z = profile.z_s[profile.valid]
+    beyond = float(np.mean((z < table.near) | (z > table.far)))
+    if beyond > MOST_POINTS_BEYOND:
+        raise ConfigurationError(
+            f"{beyond:.0%} of the points are not from {1e3 * table.near:g} to {1e3 * table.far:g} "
+            f"mm away, as the job has it, but from {1e3 * z.min():.4g} to {1e3 * z.max():.4g} mm: "
+            "set near_mm and far_mm to what the sensor's manual states, and see that the unit of "
+            "its coordinates is right",
+            key="laser.near_mm",
+        )
     try:
         read(profile)
     except TjscanError:
-        return f"{points}, and no groove at the arm's place"
+        return f"{points}, and no groove at the arm's place: lead it to a taught pose to see one"
     return f"{points}, and a groove at the arm's place"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -36,7 +37,10 @@ from tjscan.scanning.section import (
 )
 from tjscan.scanning.smooth import predictor_for_plan
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.target import ScanDirection, correction_target_pose
+from tjscan.scanning.target import correction_target_pose
+
+LEAST_SHARE_AHEAD: Final = 0.1
+"""Of a step, that the second taught section is ahead of the first at least."""
 
 
 class Scanner:
@@ -97,7 +101,9 @@ class Scanner:
         """
         self._scan_taught("first", self._taker.move_joint_to_pose(T_b_f_first))
         self._scan_taught("second", self._taker.move_linear(T_b_f_second))
-        self._check_direction(self._log.sections[1].T_b_g[:3, 3], 0.1 * self._plan.step)
+        first, second = (section.T_b_g for section in self._log.sections[:2])
+        least = LEAST_SHARE_AHEAD * self._plan.step
+        sections_before.check_second_is_ahead(first, second[:3, 3], self._plan.direction, least)
         return self._scan_until_done()
 
     def resume(self, done: RecordedScan, sections: Sections) -> ScanResult:
@@ -388,24 +394,6 @@ class Scanner:
                 f"{1e3 * tolerance:.2f} mm are allowed"
             )
         return moved
-
-    def _check_direction(self, second: Array, least: float) -> None:
-        """Refuse taught poses that coincide or lead the other way round than the plan.
-
-        The second looks at a place, shape (3,), that must be so far ahead of the first, metres.
-        """
-        first = self._log.sections[0].T_b_g
-        forward = float((second - first[:3, 3]) @ first[:3, 0])
-        if self._plan.direction is ScanDirection.CLOCKWISE:
-            forward = -forward
-        if forward < least:
-            apart = 1e3 * float(np.linalg.norm(second - first[:3, 3]))
-            raise errors.ConfigurationError(
-                f"the second taught section is {apart:.1f} mm from the first, "
-                f"{'behind it' if forward < 0 else 'too close'} for a {self._plan.direction} scan; "
-                "teach the second pose about one step further on, or turn the direction",
-                key="scan.second",
-            )
 
     @property
     def _length_gone(self) -> float:

@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.core.errors import GrooveNotFound, SetPointTooFar
+from tjscan.core.errors import ConfigurationError, GrooveNotFound, SetPointTooFar
 from tjscan.core.frames import Array, inverse_pose, rotation_angle_between, unit_vector
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.root import (
@@ -30,6 +30,7 @@ from tjscan.scanning.section import (
     StepRequest,
     Substep,
 )
+from tjscan.scanning.target import ScanDirection
 
 FARTHEST_SET_POINT_STEPS: Final = 2.0
 """Steps that a set-point lies from the last section, at most."""
@@ -385,6 +386,47 @@ def check_section_orientation(groove: GrooveSection) -> None:
             f"the brace's wall rises by {up:.2f} of its length along x_s and faces the sensor by "
             f"{towards:.2f}: it is not above the groove"
         )
+
+
+def check_second_is_ahead(
+    T_b_g_first: Array, second: Array, direction: ScanDirection, least: float
+) -> None:
+    """Refuse taught poses that coincide or lead the other way round than the plan.
+
+    Parameters
+    ----------
+    T_b_g_first : ndarray, shape (4, 4)
+        Frame g of the first taught section.
+    second : ndarray, shape (3,)
+        Where the second one is, frame b, metres.
+    direction : ScanDirection
+        Which way round.
+    least : float
+        How far ahead it must be, metres.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not.
+    """
+    away = second - T_b_g_first[:3, 3]
+    forward = float(away @ T_b_g_first[:3, 0])
+    if direction is ScanDirection.CLOCKWISE:
+        forward = -forward
+    if forward >= least:
+        return
+    apart = 1e3 * float(np.linalg.norm(away))
+    if forward < -least:
+        raise ConfigurationError(
+            f"the second taught section is {apart:.1f} mm from the first, behind it for a "
+            f"{direction} scan; swap the two poses, or turn scan.direction",
+            key="scan.second",
+        )
+    raise ConfigurationError(
+        f"the second taught section is {apart:.1f} mm from the first, too close for a scan; teach "
+        "the second pose about one step further on",
+        key="scan.second",
+    )
 
 
 def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:

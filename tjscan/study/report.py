@@ -60,7 +60,11 @@ class RowGroup(Generic[O]):
         return float(np.mean(known)) if known else float("nan")
 
 
-def write_study_report(folder: Path, kind: StudyBackend[Any], rows: Rows, *, planned: int) -> None:
+MOST_ROWS_REPORTED: Final = 50_000
+"""Of more rows, so many are read for the tables and pictures of the report."""
+
+
+def write_study_report(folder: Path, kind: StudyBackend[Any], done: Rows, *, planned: int) -> None:
     """Write the report of a study, and its pictures beside it.
 
     Parameters
@@ -69,7 +73,7 @@ def write_study_report(folder: Path, kind: StudyBackend[Any], rows: Rows, *, pla
         Where to.
     kind : StudyBackend
         What was run.
-    rows : sequence of StudyRow
+    done : sequence of StudyRow
         What is done so far, one row at least.
     planned : int
         How many runs the whole study makes.
@@ -79,8 +83,11 @@ def write_study_report(folder: Path, kind: StudyBackend[Any], rows: Rows, *, pla
     RecordingError
         If a picture can't be written.
     """
+    rows = done[:: -(-len(done) // MOST_ROWS_REPORTED)]
     keys = keys_to_show(rows, kind.seed)
-    lines = [*_lines_of_end_reasons(rows, planned)]
+    lines = [*_lines_of_end_reasons(done, planned)]
+    if len(rows) < len(done):
+        lines += [f"Below are {len(rows)} of the {len(done)} rows, evenly spaced.", ""]
     if len({row.inputs.get(kind.compared_key) for row in rows}) > 1:
         for quantity in kind.measures:
             lines += _lines_side_by_side(rows, keys, kind.compared_key, quantity)
@@ -149,14 +156,23 @@ def _table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator
 
 
 def _lines_of_end_reasons(rows: Rows, planned: int) -> Iterator[str]:
-    complete = sum(row.outcome.complete for row in rows)
+    complete, reasons = how_runs_ended(rows)
     yield from ("# Study", "")
     yield f"{complete} of {len(rows)} runs complete ({complete / len(rows):.2%})."
     if len(rows) < planned:
         yield f"{planned - len(rows)} runs are still to be made."
     yield ""
-    reasons = Counter(row.outcome.reason for row in rows).most_common()
-    yield from _table_lines(("ended because", "runs"), ((reason, f"{n}") for reason, n in reasons))
+    table = ((reason, f"{n}") for reason, n in reasons.most_common())
+    yield from _table_lines(("ended because", "runs"), table)
+
+
+def how_runs_ended(rows: Iterable[StudyRow[Any]]) -> tuple[int, Counter[str]]:
+    """How many runs are complete, and how many ended for each reason."""
+    ended = Counter((row.outcome.complete, row.outcome.reason) for row in rows)
+    reasons = Counter[str]()
+    for (_, reason), count in ended.items():
+        reasons[reason] += count
+    return sum(count for (complete, _), count in ended.items() if complete), reasons
 
 
 def _lines_side_by_side(

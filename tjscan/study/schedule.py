@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from importlib.metadata import version as installed
 from importlib.util import find_spec
 from itertools import islice
 from logging import CRITICAL
 from typing import Any, Final, Generic, TypeVar
 
 from tjscan.core.errors import ComputeClusterFault, ConfigurationError, missing_package_error
-from tjscan.core.version import PROGRAM_VERSION
+from tjscan.core.version import program_code
 from tjscan.study.trial import StudyRow, Trial
 
 T = TypeVar("T")
@@ -42,9 +41,10 @@ class EndedTask(Generic[T, R]):
 
 
 TaskScheduler = Callable[
-    [Callable[[Trial], StudyRow[Any]], Sequence[Trial]], Generator[EndedTask[Trial, StudyRow[Any]]]
+    [Callable[[Trial], StudyRow[Any]], Iterable[Trial], int],
+    Generator[EndedTask[Trial, StudyRow[Any]]],
 ]
-"""A function that runs the trials of a study somewhere, and gives each back once it has ended."""
+"""Runs so many trials of a study somewhere, and gives each back once it has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,9 @@ class DaskScheduler:
     workers: int = 1
     address: str | None = None
 
-    def __call__(self, work: Callable[[T], R], tasks: Sequence[T]) -> Generator[EndedTask[T, R]]:
+    def __call__(
+        self, work: Callable[[T], R], tasks: Iterable[T], count: int
+    ) -> Generator[EndedTask[T, R]]:
         """Run `work` on every task; for the parameters see `TaskScheduler`.
 
         Raises
@@ -76,9 +78,9 @@ class DaskScheduler:
             If no worker joins, one has another tjscan, or the scheduler is gone before the end.
         """
         check_study_packages()
-        if not tasks:
+        if not count:
             return
-        local = _start_local_cluster(min(self.workers, len(tasks)))
+        local = _start_local_cluster(min(self.workers, count))
         with local if self.address is None else _connect_to_cluster(self.address) as client:
             yield from _run_tasks(client, work, tasks)
 
@@ -101,7 +103,7 @@ SCHEDULER_GONE_MESSAGE: Final = "the scheduler is gone; start one again, and go 
 
 
 def _run_tasks(
-    client: Any, work: Callable[[T], R], tasks: Sequence[T]
+    client: Any, work: Callable[[T], R], tasks: Iterable[T]
 ) -> Generator[EndedTask[T, R]]:
     """Hand out one task per thread, so that a worker that dies is blamed on what it ran."""
     from distributed import KilledWorker
@@ -125,6 +127,8 @@ def _run_tasks(
         over: EndedTask[T, R]
         if isinstance(fault, KilledWorker):
             over = EndedTask(task, None, "every worker that ran it died")
+        elif isinstance(fault, ComputeClusterFault):
+            raise fault
         elif fault is not None:
             raise ComputeClusterFault(f"a worker failed: {fault!r}")
         elif future.status != "finished":
@@ -196,11 +200,13 @@ def _connect_to_cluster(address: str) -> Iterator[Any]:
                 f"no worker has joined the scheduler within {CLUSTER_TIMEOUT:g} s; start one with "
                 "`dask worker ADDRESS --nthreads 1`, and go on with --resume"
             ) from None
-        for worker, found in client.run(installed, "tjscan", on_error="return").items():
-            if found != PROGRAM_VERSION:
-                other = found if isinstance(found, str) else "not at all"
-                raise ComputeClusterFault(
-                    f"the worker {worker} has tjscan {other}, this machine {PROGRAM_VERSION}: the "
-                    "same version everywhere makes the same rows; then go on with --resume"
-                )
+        from tjscan.study.worker import SameProgram
+
+        try:
+            client.register_plugin(SameProgram(program_code()))
+        except Exception as error:  # what an older program raises has no one name
+            raise ComputeClusterFault(
+                f"a worker can't take part: {error}; install tjscan {program_code()} everywhere, "
+                "then go on with --resume"
+            ) from None
         yield client

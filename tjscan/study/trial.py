@@ -2,65 +2,43 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.version import PROGRAM_VERSION
 
 Value = bool | int | float | str
 """What a cell of the table holds."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Trial:
-    """One run of a study to make: its row in the table, inputs, task and settings.
+    """One run of a study to make: its row in the table, and what is varied in it.
 
     Parameters
     ----------
     index : int
         Its row in the table.
+    hash_key : str
+        Hash of all that decides the run's result; it differs from every other run's.
+    job : str
+        Path of its base job, from the folder of the plan's files.
+    varied : mapping
+        Dotted keys and values that are not the same in every run.
     inputs : mapping
-        What was varied, by dotted key, and what followed from that.
-    task : str
-        Name of the task that is run.
-    settings : str
-        Everything that it needs, as canonical JSON.
+        The same as cells of the table.
     """
 
     index: int
+    hash_key: str
+    job: str
+    varied: Mapping[str, Any]
     inputs: Mapping[str, Value]
-    task: str
-    settings: str
-
-    @cached_property
-    def hash_key(self) -> str:
-        """Hash of all that decides the run's result; it differs from every other run's."""
-        text = canonical_json([PROGRAM_VERSION, dict(self.inputs), self.task, self.settings])
-        return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-    def to_json_line(self) -> str:
-        """The trial as one line of JSON."""
-        return canonical_json(asdict(self) | {"settings": json.loads(self.settings)})
-
-    @classmethod
-    def from_json_line(cls, line: str) -> Self:
-        """Read a trial from the line that `to_json_line` gave.
-
-        Raises
-        ------
-        ValueError, KeyError, TypeError
-            If the line is no trial.
-        """
-        data = json.loads(line)
-        return cls(data["index"], data["inputs"], data["task"], canonical_json(data["settings"]))
 
 
 def canonical_json(data: Any) -> str:
@@ -111,6 +89,8 @@ class StudyRow(Generic[O]):
         What was varied.
     outcome : RunOutcome
         What came out.
+    code : str
+        Version and source of the program that made it.
     wall_s : float
         How long it took on the clock of the machine that made it, seconds: the one value that
         differs from run to run.
@@ -120,22 +100,8 @@ class StudyRow(Generic[O]):
     index: int
     inputs: Mapping[str, Value]
     outcome: O
+    code: str = ""
     wall_s: float = 0.0
-
-    @classmethod
-    def from_trial(cls, trial: Trial, outcome: O, wall_s: float = 0.0) -> Self:
-        """Make the row of a trial from its outcome.
-
-        Parameters
-        ----------
-        trial : Trial
-            What was run.
-        outcome : RunOutcome
-            What came out.
-        wall_s : float
-            How long it took, seconds.
-        """
-        return cls(trial.hash_key, trial.index, trial.inputs, outcome, wall_s)
 
     def to_json_line(self) -> str:
         """The row as one line of JSON."""
@@ -159,10 +125,12 @@ class StudyRow(Generic[O]):
         """
         try:
             data: dict[str, Any] = json.loads(line)
-            if not isinstance(data["key"], str):
-                raise ValueError("no row of a study: its key is no text")
             data["outcome"] = outcome(**data["outcome"])
-            return cls(**data)
+            row = cls(**data)
+            kinds = ((row.key, str), (row.index, int), (row.inputs, dict), (row.code, str))
+            if not all(isinstance(v, kind) for v, kind in (*kinds, (row.wall_s, int | float))):
+                raise ValueError("no row of a study: a value of it is of another type")
+            return row
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no row of a study: {error}") from None
 

@@ -7,16 +7,17 @@ import tomli_w
 from cells import PAPER
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.version import program_code
 from tjscan.crawler.pass_record import root_mean_square
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, run_crawl
 from tjscan.runs.crawl.study import CrawlOutcome
 from tjscan.runs.tasks import study_backend_of_task
-from tjscan.study.file import read_study_file, trials_of_study
+from tjscan.study.plan import StudyPlan, plan_study
 from tjscan.study.report import write_study_report
 from tjscan.study.run import run_trial
-from tjscan.study.trial import StudyRow, Trial
+from tjscan.study.trial import StudyRow
 
 EXAMPLE = PAPER.parent / "crawl-study.toml"
 
@@ -43,13 +44,11 @@ start_mm = [0.0, 1.0]
 """
 
 
-def trials_in(folder: Path, **tables: object) -> tuple[Trial, ...]:
+def trials_in(folder: Path, **tables: object) -> StudyPlan:
     (folder / "tiny.toml").write_text(JOB)
     file = folder / "study.toml"
     file.write_text(tomli_w.dumps({"task": "crawl", "job": "tiny.toml", **tables}))
-    return trials_of_study(
-        read_study_file(file, study_backend_of_task), file, study_backend_of_task
-    )
+    return plan_study(file, study_backend_of_task)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +68,8 @@ def rows(folder: Path) -> tuple[StudyRow[CrawlOutcome], ...]:
             }
         ],
     )
-    return tuple(run_trial(trial, study_backend_of_task) for trial in trials)
+    code = program_code()
+    return tuple(run_trial(trial, trials, study_backend_of_task, code) for trial in trials)
 
 
 def test_a_study_keeps_what_a_recorded_crawl_says(
@@ -143,8 +143,6 @@ def test_what_can_not_be_is_refused_before_anything_runs(
 
 
 def test_the_example_is_sound() -> None:
-    trials = trials_of_study(
-        read_study_file(EXAMPLE, study_backend_of_task), EXAMPLE, study_backend_of_task
-    )
+    trials = plan_study(EXAMPLE, study_backend_of_task)
     assert {trial.inputs["method"] for trial in trials} == {"paper", "slip-aware"}
     assert len({trial.hash_key for trial in trials}) == len(trials)

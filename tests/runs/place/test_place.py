@@ -19,7 +19,8 @@ from tjscan.runs.place.search import (
     longest_run,
     reached_arcs,
 )
-from tjscan.runs.scan.run import ScanContext, check_scan_job, is_simulated
+from tjscan.runs.scan.rehearsal import check_scan_job, is_simulated
+from tjscan.runs.scan.run import ScanContext
 
 CAD = Path(__file__).parents[3] / "cad"
 AZIMUTHS, OVERLAP = 24, 3
@@ -136,7 +137,7 @@ def test_a_cell_of_ones_own_is_placed_without_its_real_arm(
         assert is_simulated(context.job)
         raise StartSeesNoGroove("first", GrooveNotFound("too few points", "nothing is there"))
 
-    monkeypatch.setattr("tjscan.runs.scan.run.check_scan_job", refuse)
+    monkeypatch.setattr("tjscan.runs.scan.rehearsal.check_scan_job", refuse)
     assert tjscan("place", joint, "ur10e", *words, pictures=True) == 4
     assert not list(out.parent.iterdir())  # what was found unsound is not left behind
 

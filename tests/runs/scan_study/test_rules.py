@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from studies import Expand, expand_in, settings_of
+from studies import Expand, expand_in, resolved_of, settings_of
 
 from tjscan.core.units import MM
 
@@ -19,8 +19,10 @@ def test_a_joint_can_be_varied_and_ruled(expand: Expand) -> None:
         grid={"joint.brace.outer_diameter_mm": [168.3, 610.0], "rule.leg_to_brace": [1.05, 3.0]},
     )
     for trial in trials:
-        joint = settings_of(trial).joint.definition("joint")
+        settings = settings_of(trials, trial)
+        step_mm = resolved_of(trials, trial).followed["scan.step_mm"]
+        joint = settings.joint.definition("joint")
         ratio = trial.inputs["rule.leg_to_brace"]
         assert joint.leg_radius / joint.brace_radius == pytest.approx(ratio, rel=1e-12)
-        assert trial.inputs["scan.step_mm"] == pytest.approx(200 * joint.brace_radius, abs=0.05)
-        assert MM.to_file(settings_of(trial).job.scan.step) == trial.inputs["scan.step_mm"]
+        assert step_mm == pytest.approx(200 * joint.brace_radius, abs=0.05)
+        assert MM.to_file(settings.job.scan.step) == step_mm

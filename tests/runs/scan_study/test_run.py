@@ -14,8 +14,8 @@ from tjscan.runs.scan.study import ScanOutcome, StudyScanSettings, scan_for_stud
 @pytest.fixture(scope="module")
 def settings(tmp_path_factory: pytest.TempPathFactory) -> StudyScanSettings:
     expand = expand_in(tmp_path_factory.mktemp("study"))
-    (trial,) = expand(fixed={"scan.sections": 4, "scan.prediction_case": 1})
-    return settings_of(trial)
+    trials = expand(fixed={"scan.sections": 4, "scan.prediction_case": 1})
+    return settings_of(trials, trials[0])
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import ANY_JOINT, Expand, expand_in, settings_of
+from studies import ANY_JOINT, Expand, expand_in, resolved_of, settings_of
 
 from tjscan.core.frames import rotation_angle_between
 from tjscan.runs.scan.ideal_views import azimuth_further_along, ideal_sensor_pose
@@ -17,7 +17,7 @@ def expand(tmp_path: Path) -> Expand:
 
 @pytest.mark.parametrize("direction", ["counterclockwise", "clockwise"])
 def test_two_views_are_taught_a_step_apart(expand: Expand, direction: str) -> None:
-    (trial,) = expand(
+    trials = expand(
         job=str(ANY_JOINT),
         fixed={
             "scan.direction": direction,
@@ -30,7 +30,7 @@ def test_two_views_are_taught_a_step_apart(expand: Expand, direction: str) -> No
             },
         },
     )
-    settings = settings_of(trial)
+    settings = settings_of(trials, trials[0])
     job, joint = settings.job, settings.joint.definition("joint")
     plan, first, second = job.scan, *(start.T for start in job.start_poses)
     assert job.joint is not None
@@ -61,4 +61,5 @@ def test_other_joints_are_taught_with_other_errors(expand: Expand) -> None:
         fixed={"rule": {"start_azimuth_deg": "any"}},
         grid={"joint.brace.wall_mm": [16.0, 25.4]},
     )
-    assert len({trial.inputs["rule.start_azimuth_deg"] for trial in trials}) == 2
+    followed = [resolved_of(trials, trial).followed for trial in trials]
+    assert len({one["rule.start_azimuth_deg"] for one in followed}) == 2

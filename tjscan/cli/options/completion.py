@@ -19,6 +19,7 @@ JOB_KIND_OF_COMMAND: Final[Mapping[tuple[str, ...], str]] = {
         for w in ("scan", "place", "teach", "doctor", "laser", "reprocess", "laser-loopback")
     },
     ("weld",): "weld",
+    ("accept",): "accept",
     ("calibrate",): "calibrate",
     **{("crawl", word): "crawl" for word in ("run", "size", "calibrate", "register", "replay")},
     **{("tow", word): "tow" for word in ("run", "replay")},

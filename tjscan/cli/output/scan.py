@@ -22,6 +22,7 @@ from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
 from tjscan.result import summary as results
 from tjscan.runs.scan import run as scan
+from tjscan.runs.scan.rehearsal import check_scan_job, is_simulated
 from tjscan.runs.scan.run import ScanContext
 from tjscan.runs.stations import run as stations
 from tjscan.runs.stations.stitch import StitchedRun
@@ -139,8 +140,8 @@ def _stitching_rows(
 
 def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
     """Check a job and the way to its taught poses, without a scan."""
-    scan.check_scan_job(ScanContext(_job_at_chosen_station(job, file, station), file))
-    looked = scan.is_simulated(job)
+    check_scan_job(ScanContext(_job_at_chosen_station(job, file, station), file))
+    looked = is_simulated(job)
     seen = "a groove is read there" if looked else "no groove was looked for: not all is simulated"
     print_message(f"{file}: the job is sound, the way to its taught poses is clear, and {seen}")
 

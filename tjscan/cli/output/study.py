@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from json import dumps
@@ -15,6 +14,8 @@ from rich.progress import TimeRemainingColumn
 
 from tjscan.cli.output.console import print_figures_table, print_message, progress_bars
 from tjscan.runs.chain import ChainOutcome, ErrorSourceRow, mount_error_in_words
+from tjscan.study.report import how_runs_ended
+from tjscan.study.rows import StudyRows
 from tjscan.study.trial import StudyRow
 
 
@@ -35,10 +36,9 @@ def study_progress_bar(total: int) -> Iterator[Callable[[StudyRow[Any]], None]]:
         yield watch
 
 
-def print_study_outcome(rows: Sequence[StudyRow[Any]], directory: Path, *, json: bool) -> None:
+def print_study_outcome(rows: StudyRows, directory: Path, *, json: bool) -> None:
     """Print how the runs of a study ended, on stderr, or as JSON on stdout."""
-    ended = Counter(row.outcome.reason for row in rows)
-    complete = sum(row.outcome.complete for row in rows)
+    complete, ended = how_runs_ended(rows)
     if json:
         print(json_.dumps({"scans": len(rows), "complete": complete, "reasons": ended}))
         return

@@ -11,6 +11,7 @@ from typing import Final, NoReturn
 
 import numpy as np
 import trimesh
+from numpy.typing import ArrayLike
 
 from tjscan.calibration.arm.calibrate import ArmGeometryDeviation, as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard, PosturePlan, plan_postures
@@ -256,11 +257,16 @@ def _board_and_ball_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSur
     bodies = [plate]
     if job.ball is not None:
         ball = (job.simulation and job.simulation.ball) or job.ball
-        sphere = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=ball.radius)
-        sphere.apply_translation(ball.position)
-        bodies.append(sphere)
+        bodies.append(ball_mesh(ball.radius, ball.position))
     whole = trimesh.util.concatenate(bodies)
     return RaycastSurface(whole.vertices, whole.faces)
+
+
+def ball_mesh(radius: float, centre: ArrayLike) -> trimesh.Trimesh:
+    """A ball, metres."""
+    sphere = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=radius)
+    sphere.apply_translation(centre)
+    return sphere
 
 
 def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPlan:

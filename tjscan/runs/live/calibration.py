@@ -105,7 +105,7 @@ class CalibrationShow:
             title,
             (POSITION_SIGMA_MEASURE, ROTATION_SIGMA_MEASURE),
             "lines taken",
-            None,
+            False,
             kinematics_of_job(job),
             solids_in_base(job),
             tuple(one.solid for one in job.clearance.tool),

@@ -14,14 +14,14 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import pose, rot_z
+from tjscan.core.frames import pose, rot_z, transform_points
 from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.crawler.torch_axes import TorchJog
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live import step as live_step
-from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
+from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, SOLID_COLOUR
 from tjscan.live.drawables import BodyPose, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import Act, Button, PageAddress, stop_button
@@ -37,9 +37,11 @@ TORQUE_MEASURE: Final = live_step.Measure("largest torque", "N m")
 SPEED_MEASURE: Final = live_step.Measure("speed by the encoders", "mm/s")
 
 DRAWN_CRAWLER_HEIGHT: Final = 0.12
-"""Metres, of the drawn body."""
-DRAWN_CRAWLER_CLEARANCE: Final = 0.05
-"""Metres by which it is off the hull."""
+"""Metres, of the drawn tracks."""
+DRAWN_LASER_HEIGHT: Final = 0.2
+"""Metres of the drawn laser over the hull."""
+DRAWN_JOINT_WIDTH: Final = 0.02
+"""Metres of the drawn joint, where no simulation states it."""
 DRAWN_WELD_PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
 DRAWN_WELD_WIDTH: Final = 0.01
@@ -73,6 +75,8 @@ class CrawlShow:
 
     def __init__(self, job: CrawlJob, title: str) -> None:
         self._job, self._piece = job, 0
+        simulated = job.simulation and job.simulation.joint.width
+        self._joint_width = simulated or DRAWN_JOINT_WIDTH
         self._last: tuple[int, float, float] | None = None
         self.setting = self._make_scene_setup(title)
 
@@ -95,14 +99,15 @@ class CrawlShow:
     def _make_scene_setup(self, title: str) -> live_step.SceneSetup:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
-        size = (job.vehicle.body_length, job.vehicle.body_width, DRAWN_CRAWLER_HEIGHT)
-        height = DRAWN_CRAWLER_CLEARANCE + 0.5 * DRAWN_CRAWLER_HEIGHT
-        body = Solid("body", Box(size), pose(p=(0.0, 0.0, height)))
+        vehicle = tuple(_crawler_solids(job))
         torch = Solid("torch", Cylinder(0.012, 0.25), pose(p=(0.0, 0.0, 0.125)))
         ends = np.array([(-before, 0.0, 0.0), (length + job.weld.run_up, 0.0, 0.0)])
         weld = np.array([(0.0, 0.0, 0.0), (length, 0.0, 0.0)])
         wide = np.array((0.0, 0.6, -1e-3))
         hull = np.vstack((ends - wide, (ends + wide * (1, 1, -1))[::-1]))
+        edge = np.array((0.0, 0.5 * self._joint_width, 1e-3))
+        joint = np.vstack((ends - edge * (1, 1, -1), (ends + edge)[::-1]))
+        square = np.array([(0, 1, 2), (0, 2, 3)])
         middle = np.array((0.5 * (length - before), 0.0, 0.0))
         away = length + before + 2 * job.vehicle.body_length
         return live_step.SceneSetup(
@@ -116,11 +121,11 @@ class CrawlShow:
             ),
             "along the joint / mm",
             see_through=("vehicle",),
-            bodies={"vehicle": (body,), "torch": (torch,)},
+            bodies={"vehicle": vehicle, "torch": (torch,)},
             ghost=(
-                Surface(hull, np.array([(0, 1, 2), (0, 2, 3)]), NOMINAL_COLOUR, 0.35),
-                Lines.through(ends, colour=NOMINAL_COLOUR, width=1.5),
-                Lines.through(weld, colour=LASER_COLOUR, width=2.0),
+                Surface(hull, square, NOMINAL_COLOUR, 0.35),
+                Surface(joint, square, SOLID_COLOUR),
+                Lines.through(weld, colour=FITTED_COLOUR, width=2.0),
             ),
             look_at=middle,
             look_from=middle + away * np.array((-0.35, -0.9, 0.7)),
@@ -140,6 +145,7 @@ class CrawlShow:
         drawn: dict[str, Drawable] = {
             "vehicle": BodyPose(pose(rot_z(-torch.heading), (cycle.travel, -torch.offset, 0.0))),
             "torch": BodyPose(pose(p=torch_place)),
+            "laser": self._laser_plane(cycle),
         }
         samples: tuple[live_step.Sample, ...] = ()
         if cycle.arc and (piece := self._next_piece_of_weld(cycle, values)) is not None:
@@ -153,6 +159,13 @@ class CrawlShow:
         label, facts = f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm", self._cycle_facts(cycle)
         diagram = phase_transition_diagram(cycle.phase)
         return live_step.Step(label, drawn, facts, progress, samples, diagram=diagram)
+
+    def _laser_plane(self, cycle: CrawlCycle) -> Surface:
+        """The laser's plane, from the sensor in front down to its line across the joint."""
+        ahead, half = self._job.vehicle.laser_to_torch, 1.5 * self._joint_width
+        corners = [(ahead, 0.0, DRAWN_LASER_HEIGHT), (ahead, -half, 0.0), (ahead, half, 0.0)]
+        at = pose(rot_z(-cycle.torch.heading), (cycle.travel, -cycle.torch.offset, 0.0))
+        return Surface(transform_points(at, corners), np.array([(0, 1, 2)]), LASER_COLOUR, 0.4)
 
     def _cycle_facts(self, cycle: CrawlCycle) -> dict[str, str]:
         reading = f"{1e3 * cycle.d:+.2f} ± {1e3 * cycle.d_sigma:.2f} mm" if cycle.was_read else "no"
@@ -187,6 +200,24 @@ class CrawlShow:
         strip = [(x0, y0 - half, z), (x0, y0 + half, z), (x, y - half, z), (x, y + half, z)]
         triangles = np.array([(0, 1, 2), (1, 3, 2)])
         return MeasuredPiece(np.empty((0, 3)), np.array(strip), triangles, values)
+
+
+def _crawler_solids(job: CrawlJob) -> Iterator[Solid]:
+    """Tracks, the body between them, and in front the laser on its boom; the torch is at 0."""
+    vehicle, high = job.vehicle, DRAWN_CRAWLER_HEIGHT
+    middle, ahead, side = vehicle.centre_to_torch, vehicle.laser_to_torch, 0.5 * vehicle.body_width
+    length, front = vehicle.body_length, middle + 0.4 * vehicle.body_length
+    boom = max(ahead - front, 0.02)
+    for name, y in (("left track", side), ("right track", -side)):
+        place = pose(p=(middle, 0.84 * y, 0.5 * high))
+        yield Solid(name, Box((length, 0.32 * side, high)), place)
+    body = Box((0.8 * length, 1.3 * side, 0.4 * high))
+    yield Solid("body", body, pose(p=(middle, 0.0, high)))
+    for name, size, x in (
+        ("boom", (boom, 0.04, 0.03), front + 0.5 * boom),
+        ("laser", (0.06, 0.14, 0.09), ahead),
+    ):
+        yield Solid(name, Box(size), pose(p=(x, 0.0, DRAWN_LASER_HEIGHT)))
 
 
 def phase_transition_diagram(now: Phase) -> live_step.StateDiagram:

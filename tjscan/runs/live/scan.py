@@ -95,8 +95,8 @@ class ScanShow:
         return SceneSetup(
             title,
             (CORNER_DEVIATION_MEASURE, *measures) if known else measures,
-            "clock position / h" if known else "section",
-            (0.0, 12.0) if known else None,
+            "clock position, 12 at the crown" if known else "section",
+            known,
             kinematics_of_job(job),
             solids_in_base(job),
             tuple(one.solid for one in job.clearance.tool),
@@ -126,7 +126,7 @@ class ScanShow:
         follows = view.substep in (Substep.PASSING, Substep.FUSED)
         doing = "following the groove" if follows else label
         facts = {"doing": doing, "arm's clock": f"{view.time:.1f} s"}
-        return Step(label, drawn, facts, profile=PlaneCurve.of_profile(view.profile))
+        return Step(label, drawn, facts, profile=PlaneCurve.along_groove(view.profile))
 
     def _page_step_of_section(self, section: ScannedSection) -> Step:
         groove, view, done = section.groove, section.view, section.view.index + 1
@@ -151,7 +151,7 @@ class ScanShow:
         drawn["fitted"] = Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0)
         progress = None if self.total is None else min(done / self.total, 1.0)
         samples = (Sample(float(x), values, sigmas),)
-        profile = PlaneCurve.of_profile(view.profile, groove.points_s)
+        profile = PlaneCurve.along_groove(view.profile, groove.points_s)
         return Step(f"section {view.index}", drawn, facts, progress, samples, profile)
 
     def _values_of(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -58,8 +59,9 @@ def read_job_of_program_arm(job_file: Path, station: str | None, run: Path) -> S
             if job.arm.model != (model := scanned.job.arm.model):
                 reason = f"is a {job.arm.model}, but the run was scanned with a {model}"
                 raise ConfigurationError(reason, key="arm.model")
-            joints = scanned.joint, ScanContext(job, job_file).joint
-            if None not in joints and joints[0] != joints[1]:
+            mine, theirs = ScanContext(job, job_file).joint, scanned.joint
+            # What the two files are called says nothing: the run's is a copy.
+            if mine and theirs and replace(mine, name=theirs.name) != theirs:
                 reason = (
                     "is another joint than the run's: plan a run of this joint, or name its job"
                 )

@@ -13,7 +13,6 @@ import numpy as np
 
 from tjscan.core import errors
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.devices import DriverKind
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.groove.read import read_groove
@@ -190,50 +189,6 @@ RESUMABLE_KEYS: Final = (
 NOMINAL_FLANGE_TOLERANCE: Final = 0.02
 """Metres between an arm's flange as its model has it and as its controller knows it: arms differ
 from their model by some millimetres."""
-
-
-LOOKS_AT_START_POSE: Final = 3
-"""Profiles taken at a start pose at most: in one a fault may hide the groove."""
-
-
-def check_scan_job(context: ScanContext) -> None:
-    """Check a job, what it names, and the way from here to its taught poses; nothing real moves.
-
-    Raises
-    ------
-    ConfigurationError
-        If the job is wrong.
-    PoseUnreachable
-        If a taught pose is, or the way there is blocked.
-    StartSeesNoGroove, StartOnTack
-        If the whole cell is simulated, and no groove is read at a taught pose.
-    """
-    with add_file_to_errors(context.job_file):
-        jobs = context.job.jobs_at_stations
-    for job in jobs:
-        with replace(context, job=job).make_cell() as cell:
-            cell.arm.check_moves(*(start.T for start in job.start_poses))
-            if is_simulated(job):
-                _look_at_start_poses(cell, job)
-
-
-def is_simulated(job: ScanJob) -> bool:
-    """Whether neither arm nor laser of a job is real, nor replayed."""
-    return {job.arm.driver_kind, job.laser.driver_kind} == {DriverKind.SIMULATED}
-
-
-def _look_at_start_poses(cell: Cell, job: ScanJob) -> None:
-    read = groove_reader_of_job(job)
-    for which, start in zip(("first", "second"), job.start_poses, strict=True):
-        cell.arm.move_joint_to_pose(start.T)
-        for left in reversed(range(LOOKS_AT_START_POSE)):
-            try:
-                if read(cell.laser.capture()).on_tack:
-                    raise errors.StartOnTack(which)
-                break
-            except errors.GrooveNotFound as error:
-                if not left:
-                    raise errors.StartSeesNoGroove(which, error) from None
 
 
 def _scanner_of_plan(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.core.config import add_file_to_errors
+from tjscan.core.config import add_file_to_errors, validate_table
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import (
@@ -23,9 +24,10 @@ from tjscan.core.frames import (
 )
 from tjscan.core.manifest import check_files_unaltered
 from tjscan.core.provenance import Provenance
-from tjscan.job.files import read_scan_job
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.recording.parts import recording_files
+from tjscan.recording.reader import read_job_snapshot
 from tjscan.result import directory as run_files
 from tjscan.result import summary as results
 from tjscan.result.picture import draw_groove_overview, write_png
@@ -287,6 +289,7 @@ def read_station_run(directory: Path) -> StationRun:
                 file=job_file,
                 key="station",
             )
+        _check_recording_is_of_job(directory, job)
         read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
         sections = finished_sections(done.reread_sections(read))
@@ -304,6 +307,23 @@ def read_station_run(directory: Path) -> StationRun:
     station = replace(station, causes=causes.shared)
     devices = job.arm.device_id, job.laser.device_id, str(context.sensor_mount.T_f_s.tolist())
     return StationRun(directory, station, summary, joint, causes.left_out, devices)
+
+
+def _check_recording_is_of_job(directory: Path, job: ScanJob) -> None:
+    """Refuse a recording from other start poses than the job's: two of them may be swapped."""
+    snapshot = read_job_snapshot(directory)
+    if snapshot is None:
+        return
+    recorded = validate_table(ScanJob, tomllib.loads(snapshot.job))
+    names = recorded.station_names
+    if len(names) != 1 or recorded.start_poses != job.start_poses:
+        of = f"station {', '.join(map(repr, names))}" if names else "a scan without stations"
+        raise ConfigurationError(
+            f"its recording is of {of}, its start poses not what its {run_files.JOB_FILE} has for "
+            f"{job.station[0].name!r}; put the recordings of the stations back into their own "
+            "directories",
+            file=directory,
+        )
 
 
 def _copy_runs_from_elsewhere(

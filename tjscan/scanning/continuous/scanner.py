@@ -137,7 +137,12 @@ class ContinuousScanner(Scanner):
         self._planner.check_plan(first, T_b_f_second, self._plan.horizon)
         state = self._taker.move_joint_to_pose(T_b_f_first)
         self._scan_taught("first", state)
-        self._check_direction(self._second_point, LEAST_TAUGHT_DISTANCE)
+        sections_before.check_second_is_ahead(
+            self._log.sections[0].T_b_g,
+            self._second_point,
+            self._plan.direction,
+            LEAST_TAUGHT_DISTANCE,
+        )
         self._lay_clock(state)
         return self._scan_on(self._straight_to_second())
 
