@@ -29,6 +29,7 @@ from yard import WAYS as YARD_WAYS
 
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
+from tjscan.core.version import program_code
 from tjscan.groove.section import FROM_NEIGHBOURS
 from tjscan.job.cell import motion_limits_of_job
 from tjscan.job.files import read_scan_job
@@ -52,9 +53,8 @@ from tjscan.scanning.sections_before import (
     planning_sections,
 )
 from tjscan.scanning.target import correction_target_pose
-from tjscan.study.file import plan_study
+from tjscan.study.plan import StudyPlan, plan_study
 from tjscan.study.run import run_trial
-from tjscan.study.trial import Trial
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 WAYS: Final = {"ccw": EXAMPLES / "paper.toml", "cw": EXAMPLES / "paper-clockwise.toml"}
@@ -300,15 +300,16 @@ def step_time(key: tuple[str, int]) -> float:
     return views[-1].time - views[0].time
 
 
-def trials(plan: dict[str, Any]) -> tuple[Trial, ...]:
+def trials(tables: dict[str, Any]) -> list[tuple[StudyPlan, int]]:
     """Scans of a study."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / "study.toml"
-        file.write_text(tomli_w.dumps(plan))
-        return plan_study(file, study_backend_of_task)
+        file.write_text(tomli_w.dumps(tables))
+        plan = plan_study(file, study_backend_of_task)
+    return [(plan, index) for index in range(len(plan))]
 
 
-def trials_of_joints(*, thin: bool) -> tuple[Trial, ...]:
+def trials_of_joints(*, thin: bool) -> list[tuple[StudyPlan, int]]:
     """The example's study of joints, both ways; of fewer joints if `thin`."""
     plan = tomllib.loads((EXAMPLES / "continuous-study.toml").read_text())
     plan["job"] = str(EXAMPLES / plan["job"])
@@ -324,7 +325,7 @@ def trials_of_joints(*, thin: bool) -> tuple[Trial, ...]:
     return trials(plan)
 
 
-def trials_of_others(mode: str) -> tuple[Trial, ...]:
+def trials_of_others(mode: str) -> list[tuple[StudyPlan, int]]:
     """Four joints where the paper's stands, from where that is begun on: as far as the arm reaches.
 
     Nothing is kept clear of but what was scanned.
@@ -358,9 +359,10 @@ def trials_of_others(mode: str) -> tuple[Trial, ...]:
     return trials(plan)
 
 
-def outcome_of(trial: Trial) -> ScanOutcome:
+def outcome_of(trial: tuple[StudyPlan, int]) -> ScanOutcome:
     """Of a scan of a study."""
-    outcome = run_trial(trial, study_backend_of_task).outcome
+    plan, index = trial
+    outcome = run_trial(plan[index], plan, study_backend_of_task, program_code()).outcome
     assert isinstance(outcome, ScanOutcome)
     return outcome
 
