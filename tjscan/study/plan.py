@@ -172,6 +172,8 @@ def plan_study(file: Path, backend_of: BackendOfTask) -> StudyPlan:
     kind = backend_of(study.task)
     names = (study.job,) if isinstance(study.job, str) else study.job
     jobs = [(file.parent / name).absolute() for name in names]
+    if len(set(jobs)) < len(jobs):
+        raise ConfigurationError("a job is there twice", file=file, key="job")
     swept = [value for axis in study.settings_by_axis(kind.seed) for value in axis]
     paths = {Path(os.path.normpath(path)) for job in jobs for path in _files_of(job, study, swept)}
     root = Path(os.path.commonpath([path.parent for path in paths]))
