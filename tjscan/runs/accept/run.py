@@ -121,7 +121,7 @@ def check_certificate(job: AcceptanceJob, today: date) -> None:
 
 
 def read_earlier_acceptance(directory: Path, job: AcceptanceJob) -> Acceptance:
-    """Read an earlier acceptance of a job's cell: its file, its directory, or the first of a folder.
+    """Read an earlier acceptance of a job's cell: its file, its run, or the first of a folder.
 
     Raises
     ------
