@@ -13,6 +13,7 @@ from typing import Any, Final
 from cyclopts import App, CycloptsError, Group
 
 from tjscan.core import errors
+from tjscan.core.signals import exit_on_termination
 from tjscan.core.version import PROGRAM_VERSION
 
 # Its matrices are small: threads would only wait for each other. Workers inherit it.
@@ -175,10 +176,12 @@ def main(tokens: Sequence[str] | None = None) -> None:
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
         _load_commands(tokens)
-        try:
-            app(tokens, exit_on_error=False, print_error=True)
-        finally:
-            sys.stdout.flush()
+        # A program that is ended stops its arm and writes what it has, as after Ctrl-C.
+        with exit_on_termination():
+            try:
+                app(tokens, exit_on_error=False, print_error=True)
+            finally:
+                sys.stdout.flush()
     except CycloptsError:
         sys.exit(2)
     except errors.TjscanError as error:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.signals import exit_on_termination
 from tjscan.result.directory import default_run_directory
 
 
@@ -69,7 +68,7 @@ def study(
             f"anyone who reaches {scheduler} runs programs on its workers: docs/study.md shows TLS"
         )
     where = DaskScheduler(workers or os.cpu_count() or 1, scheduler)
-    with exit_on_termination(), study_progress_bar(len(plan)) as watch:
+    with study_progress_bar(len(plan)) as watch:
         rows = run_study(directory, where, watch, study_backend_of_task)
     print_study_outcome(rows, directory, json=json)
 

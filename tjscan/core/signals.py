@@ -35,6 +35,9 @@ def exit_on_termination() -> Iterator[None]:
     def leave(number: int, frame: object) -> None:
         raise SystemExit(128 + number)
 
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are another one's
+        return
     before = signal.signal(signal.SIGTERM, leave)
     try:
         yield
