@@ -54,7 +54,7 @@ def joints() -> list[JointDefinition]:
         "brace": {"outer_diameter_mm": 323.9, "wall_mm": 19.1, "length_mm": 500.0},
         "groove": {
             "angle_deg": [[90.0, 50.0], [140.0, 65.0]],
-            "root_gap_mm": 3.0,
+            "root_opening_mm": 3.0,
             "root_face_mm": 1.5,
             "root_bead_mm": 2.0,
         },

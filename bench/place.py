@@ -50,7 +50,7 @@ def drawn_joint(seed: int) -> dict[str, object]:
         },
         "groove": {
             "angle_deg": [[90.0, 50.0], [140.0, 65.0]],
-            "root_gap_mm": 4.0,
+            "root_opening_mm": 4.0,
             "root_face_mm": 1.5,
             "root_bead_mm": 2.0,
         },

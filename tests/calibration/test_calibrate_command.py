@@ -3,17 +3,21 @@
 import csv
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tomli_w
+from _targets import TargetSimulator
 from calibration_stage import (
     HAND,
     MM,
+    NOISE,
     PLACES,
     PLANE,
     T_F_S,
+    WINDOW,
     circle,
     error,
     looking,
@@ -25,7 +29,7 @@ from command import tjscan
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.file import read_calibration
-from tjscan.core.frames import Array, inverse_pose
+from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.laser.profile import Profile
 
 OPENLMD = Path(__file__).resolve().parents[3] / "shared" / "data" / "openlmd-lines"
@@ -297,6 +301,100 @@ def test_poses_that_are_none_are_refused(
         told = " ".join(capsys.readouterr().err.split())
         assert words in told
         assert "poses.csv" in told
+
+
+MISTAKEN_COLUMNS: dict[str, tuple[tuple[str, ...], str, Callable[[Rotation], Array]]] = {
+    "radians as degrees": (
+        ("a_deg", "b_deg", "c_deg"),
+        "a_rad, b_rad, c_rad",
+        lambda R: R.as_euler("ZYX"),
+    ),
+    "degrees as radians": (
+        ("rx_rad", "ry_rad", "rz_rad"),
+        "rx_deg, ry_deg, rz_deg",
+        lambda R: R.as_rotvec(degrees=True),
+    ),
+    "angles swapped": (
+        ("a_deg", "b_deg", "c_deg"),
+        "w_deg, p_deg, r_deg",
+        lambda R: R.as_euler("xyz", degrees=True),
+    ),
+    "scalar first": (
+        ("qx", "qy", "qz", "qw"),
+        "q1, q2, q3, q4",
+        lambda R: R.as_quat(scalar_first=True),
+    ),
+    "scalar last": (
+        ("q1", "q2", "q3", "q4"),
+        "qx, qy, qz, qw",
+        lambda R: R.as_quat(),
+    ),
+    "rotation vector as angles": (
+        ("w_deg", "p_deg", "r_deg"),
+        "rx_rad, ry_rad, rz_rad",
+        lambda R: R.as_rotvec(),
+    ),
+    "angles as rotation vector": (
+        ("rx_deg", "ry_deg", "rz_deg"),
+        "w_deg, p_deg, r_deg",
+        lambda R: R.as_euler("xyz", degrees=True),
+    ),
+    "nothing": (("qx", "qy", "qz", "qw"), "qx, qy, qz, qw", lambda R: R.as_quat()),
+}
+"""Names of columns, those that were meant, and the numbers."""
+BALL = TargetSimulator(T_F_S, WINDOW, NOISE, radius=0.0127)
+
+
+@pytest.mark.parametrize("mistake", MISTAKEN_COLUMNS)
+@pytest.mark.parametrize("unit", ["mm", "m"])
+def test_a_mistaken_convention_is_named_with_what_to_write(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], mistake: str, unit: str
+) -> None:
+    """`unit` is that of the numbers, below columns in millimetres."""
+    rng = np.random.default_rng(21)
+    poses = BALL.poses(rng, 14, "ball")
+    lines = write_lines(tmp_path, [BALL.ball_profile(T, rng) for T in poses])
+    names, meant, write = MISTAKEN_COLUMNS[mistake]
+    scale = {"mm": 1e3, "m": 1.0}[unit]
+    rows = [(*(scale * T[:3, 3]), *write(Rotation.from_matrix(T[:3, :3]))) for T in poses]
+    places = write_rows(tmp_path / "poses.csv", ("x_mm", "y_mm", "z_mm", *names), rows)
+    files = {"profiles": str(lines), "poses": str(places), "target": "ball", "radius_mm": 12.7}
+    code = tjscan("calibrate", write_job(tmp_path, files), "--out", tmp_path / "run")
+    told = " ".join(capsys.readouterr().err.split())
+    if mistake == "nothing" and unit == "mm":
+        assert code == 0
+        return
+    assert code == 1
+    assert "read in another way than they were meant" in told
+    assert f"name the columns x_{unit}, y_{unit}, z_{unit}, {meant} in" in told
+
+
+@pytest.mark.parametrize("moved_mm", [0.0, 3.0])
+def test_an_old_calibration_is_checked_on_a_few_new_profiles(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], moved_mm: float
+) -> None:
+    job = write_job(tmp_path, record(tmp_path, circle(30)) | KNOWN)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
+    rng, poses = np.random.default_rng(31), varied(np.random.default_rng(32), 8)
+    moved = T_F_S @ pose(None, 1e-3 * moved_mm * np.array((0.3, 0.0, 0.954)))
+    hand = replace(HAND, T_f_s=moved)
+    write_lines(tmp_path, [hand.profile(T, rng) for T in poses])
+    write_poses(tmp_path, poses)
+    code = tjscan("calibrate", job, "--check", tmp_path / "run" / "calibration.toml")
+    told = " ".join(capsys.readouterr().err.split())
+    assert code == (1 if moved_mm else 0)
+    assert ("it does not hold" if moved_mm else "it holds") in told
+    assert "the limit is" in told
+
+
+def test_profiles_that_show_no_change_check_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_job(tmp_path, record(tmp_path, circle(30)) | KNOWN)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
+    record(tmp_path, np.stack([looking(0, a) for a in (0, 0, 1, 1, 2)]))
+    assert tjscan("calibrate", job, "--check", tmp_path / "run" / "calibration.toml") == 1
+    assert "too uncertain" in capsys.readouterr().err
 
 
 def test_a_quaternion_that_is_none_is_refused(

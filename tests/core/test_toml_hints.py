@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from math import radians
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,9 @@ from hypothesis import strategies as st
 
 from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.toml_hints import unit_hint
 from tjscan.core.units import PoseSettings
+from tjscan.robot.settings import ArmSimulationSettings
 from tjscan.scanning.plan import ScanPlan
 
 
@@ -41,7 +44,24 @@ def test_no_unit_is_guessed_where_none_would_do(value: float) -> None:
     assert "looks like" not in refusal(ScanPlan, {"step_mm": value})
 
 
-@pytest.mark.parametrize("value", [0.0, 1.0, -1.0])
+def test_units_of_several_letters_are_none_of_their_last() -> None:
+    assert unit_hint("torque_n_m", 84000.0, None, 1000.0) == ""
+    assert unit_hint("gyro_mrad_s", 84000.0, None, 1000.0) == ""
+    assert "grams per metre: write 1.0" in unit_hint("mass_kg_m", 1000.0, None, 100.0)
+
+
+@pytest.mark.parametrize("value", [0.5, -0.5])
+def test_small_pulls_are_none_of_another_unit(value: float) -> None:
+    assert validate_table(ScanPlan, {"pull_angle_deg": value}).pull_angle == radians(value)
+
+
+def test_rounding_of_a_home_at_zero_is_no_radian() -> None:
+    home = (0.0, 1e-9, 0.0, 0.0, 0.0, 0.0)
+    assert validate_table(ArmSimulationSettings, {"home_deg": list(home)}).home[0] == 0
+    assert "write [57.869" in refusal(ArmSimulationSettings, {"home_deg": [1.01, *home[1:]]})
+
+
+@pytest.mark.parametrize("value", [0.0, 0.4, 1.0, -1.0])
 def test_no_offset_is_none_of_another_unit(value: float) -> None:
     assert validate_table(ScanPlan, {"view_offset_mm": value}).offset == pytest.approx(value / 1e3)
 
@@ -90,6 +110,8 @@ def test_an_encoding_is_named_with_what_to_save(encoding: str, tmp_path: Path) -
     ("found", "hint"),
     [
         ([-60, 3, 949, 6, 360, 1], r"\[-60\.3, 949\.6, 360\.1\]"),
+        ([400, 0, 300, 180, 0, 0], r"\[400\.0, 300\.180, 0\.0\]; or .* a key each"),
+        ([400.5, 0, 300, 180, 0, 0], r"\(found .*\); a position and a rotation have a key each"),
         ([1, 2, 3, 4, 5], "decimal commas"),
         ([1.5, 2.5, 3.5, 0.1, 0.2, 0.3], "a key each"),
         ([0.5, 0.5, 0.5, 0.5], "quaternion"),

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -14,6 +15,7 @@ from command import tjscan
 from documented import ROOT, fenced_blocks
 
 from tjscan.core.config import validate_table
+from tjscan.core.devices import guard_device
 from tjscan.core.errors import ArmFault
 from tjscan.job.files import read_scan_job
 from tjscan.laser.drivers import LASER_DRIVERS
@@ -106,6 +108,30 @@ def test_the_arm_of_the_documents_moves_and_fails_as_a_fault_of_its_driver(
         controller.broken = True
         with pytest.raises(ArmFault, match=r"arm 'acme' failed: connection reset by peer"):
             arm.state()
+
+
+@dataclass(frozen=True)
+class FrozenDevice:
+    """A driver that is a frozen dataclass, whose connection is lost."""
+
+    host: str = "10.0.0.2"
+
+    @property
+    def identity(self) -> str:
+        raise ConnectionResetError("lost")
+
+    def state(self) -> str:
+        raise ConnectionResetError("lost")
+
+
+def test_frozen_devices_are_guarded_and_their_properties_too() -> None:
+    device = guard_device(FrozenDevice(), "the arm 'x'", ArmFault)
+    assert device.host == "10.0.0.2"
+    assert isinstance(device, FrozenDevice)
+    with pytest.raises(ArmFault, match="'x' failed: lost"):
+        device.state()
+    with pytest.raises(ArmFault, match="'x' failed: lost"):
+        _ = device.identity
 
 
 def no_recording() -> Any:

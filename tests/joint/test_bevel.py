@@ -64,8 +64,8 @@ def test_corners_lie_where_they_belong(joint: JointDefinition) -> None:
     np.testing.assert_allclose(s.p2[:, 0], joint.brace_radius, atol=EXACT)
     np.testing.assert_allclose(off_leg(s.p4), 0, atol=EXACT)
     np.testing.assert_allclose(off_leg(s.apex), 0, atol=EXACT)
-    np.testing.assert_allclose(off_leg(s.land), joint.root_gap, atol=EXACT)
-    np.testing.assert_allclose(off_leg(s.land_inner), joint.root_gap, atol=EXACT)
+    np.testing.assert_allclose(off_leg(s.land), joint.root_opening, atol=EXACT)
+    np.testing.assert_allclose(off_leg(s.land_inner), joint.root_opening, atol=EXACT)
     np.testing.assert_allclose(np.linalg.norm(s.p3 - s.land, axis=1), joint.root_bead, atol=EXACT)
     np.testing.assert_allclose(s.p3, s.land + joint.root_bead * s.bevel, atol=EXACT)
     np.testing.assert_allclose(np.linalg.norm(s.bevel, axis=1), 1)
@@ -99,7 +99,7 @@ def test_a_groove_at_a_crown_is_plane_trigonometry() -> None:
     joint = read_joint(CAD / "tjoint-600x457.toml")
     s = JointGrooveSections(joint, [0.0])
     angle = float(s.groove_angle[0])
-    side = joint.root_gap / np.sin(angle) + joint.root_bead
+    side = joint.root_opening / np.sin(angle) + joint.root_bead
     assert s.root_width[0] == pytest.approx(2 * side * np.sin(angle / 2))
     depth = joint.brace_wall - joint.root_face
     assert s.bevel_length[0] == pytest.approx(depth / np.cos(angle))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def test_the_papers_joint_in_metres_and_radians() -> None:
     assert (2 * joint.brace_radius, joint.brace_wall) == pytest.approx((0.4572, 0.0254))
     assert joint.brace_inner_radius == pytest.approx(0.2032)
     assert joint.angle == pytest.approx(np.pi / 2)
-    assert joint.root_gap == pytest.approx(0.004)
+    assert joint.root_opening == pytest.approx(0.004)
 
 
 def test_groove_angle_is_linear_between_pairs_and_flat_beyond() -> None:
@@ -88,12 +89,12 @@ def test_tolerances_are_stated_or_none(tmp_path: Path) -> None:
         ("[90.0, 50.0]", "[150.0, 50.0]", "groove.angle_deg", "grow"),
         ("[[90.0, 50.0], [140.0, 65.0]]", "[]", "groove.angle_deg", "pair"),
         ("[90.0, 50.0]", "[90.0, 50.0, 1.0]", "groove.angle_deg.0", "at most 2"),
-        ("root_gap_mm = 4.0", "root_gap_mm = 30.0", "groove.root_gap_mm", "25.4"),
-        ("root_gap_mm = 4.0", "root_gap_mm = nan", "groove.root_gap_mm", "finite"),
+        ("root_opening_mm = 4.0", "root_opening_mm = 30.0", "groove.root_opening_mm", "25.4"),
+        ("root_opening_mm = 4.0", "root_opening_mm = nan", "groove.root_opening_mm", "finite"),
         ("root_face_mm = 1.5", "root_face_mm = 25.0", "groove.root_face_mm", "23.4"),
         ("root_bead_mm = 2.0", "root_bead_mm = 25.0", "groove.root_bead_mm", "23.8"),
         ("root_bead_mm = 2.0", 'root_bead_mm = "2"', "groove.root_bead_mm", "number"),
-        ("root_gap_mm = 4.0", "root_gap = 4.0", "groove.root_gap", "root_gap_mm"),
+        ("root_opening_mm = 4.0", "root_opening = 4.0", "groove.root_opening", "root_opening_mm"),
     ],
 )
 def test_a_joint_that_cannot_be_built_is_refused(
@@ -108,7 +109,7 @@ def test_a_joint_that_cannot_be_built_is_refused(
 
 
 def test_a_root_without_gap_and_bead_is_refused(tmp_path: Path) -> None:
-    file = changed(tmp_path, "root_gap_mm = 4.0", "root_gap_mm = 0.0")
+    file = changed(tmp_path, "root_opening_mm = 4.0", "root_opening_mm = 0.0")
     file.write_text(file.read_text().replace("root_bead_mm = 2.0", "root_bead_mm = 0.5"))
     with pytest.raises(ConfigurationError, match="root only"):
         read_joint(file)
@@ -118,3 +119,11 @@ def test_a_heel_needs_a_groove_table_of_its_own(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="leaves no bevel") as refusal:
         read_joint(changed(tmp_path, "angle_deg = 90.0", "angle_deg = 45.0"))
     assert refusal.value.key == "groove.angle_deg"
+
+
+def test_the_older_name_of_the_root_opening_is_read(tmp_path: Path) -> None:
+    new = changed(tmp_path, "root_opening_mm = 4.0", "root_opening_mm = 3.5")
+    stated = new.read_text(encoding="utf-8")
+    old = tmp_path / "old.toml"
+    old.write_text(stated.replace("root_opening_mm", "root_gap_mm"), encoding="utf-8")
+    assert replace(read_joint(old), name="") == replace(read_joint(new), name="")

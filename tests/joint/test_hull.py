@@ -59,7 +59,7 @@ def test_flat_fill_leaves_the_formula_of_a_smaller_groove() -> None:
 
 def test_crown_adds_the_area_of_a_parabola() -> None:
     flat, crowned = (HullJoint(beads=(WeldBead(level=12e-3, crown=c),)) for c in (0.0, 1e-3))
-    half = flat.root_gap / 2 + 12e-3 * tan(flat.opening_angle / 2)
+    half = flat.root_opening / 2 + 12e-3 * tan(flat.opening_angle / 2)
     left = [
         area_left_to_fill(joint, hull_section(joint, 0.0, passes=1)) for joint in (flat, crowned)
     ]
@@ -97,9 +97,9 @@ def test_tack_fills_the_root_over_its_length_only() -> None:
     assert deepest == pytest.approx([-20e-3, -18e-3, -14e-3, -18e-3, -20e-3], abs=1e-9)
 
 
-def test_nothing_is_seen_through_a_root_gap_without_backing() -> None:
+def test_nothing_is_seen_through_a_root_opening_without_backing() -> None:
     joint = HullJoint(backing=False)
-    assert joint.root_gap > 0
+    assert joint.root_opening > 0
     assert hull_section(joint, 0.0)[:, 1].min() < -0.2
     closed = hull_section(replace(joint, beads=PASSES[:1]), 0.0, passes=1)
     assert closed[:, 1].min() == pytest.approx(-16e-3)

@@ -215,7 +215,7 @@ def test_the_root_opens_as_stated() -> None:
         cylindrical_to_j(PHI, s.land[:, 0], s.land[:, 1])
     )
     np.testing.assert_allclose(
-        gap, d.root_gap + interpolate_around_joint((0.0, 1e-3, -1e-3, 0.5e-3), PHI)
+        gap, d.root_opening + interpolate_around_joint((0.0, 1e-3, -1e-3, 0.5e-3), PHI)
     )
     quarters = np.linspace(0, 1.5 * np.pi, 4)
     found = interpolate_around_joint((0.0, 1e-3, -1e-3, 0.5e-3), quarters)
@@ -229,8 +229,8 @@ def test_an_open_root_shows_the_land_and_its_foot_on_the_leg() -> None:
     foot = cylindrical_to_j(PHI, s.p4[:, 0], s.p4[:, 1])
     np.testing.assert_allclose(d.leg_surface.signed_distances(foot), 0, atol=EXACT)
     # Square to the leg in the half-plane, so no nearer than the opening itself.
-    assert s.root_width.min() >= d.root_gap - EXACT
-    assert s.root_width.max() < 1.1 * d.root_gap
+    assert s.root_width.min() >= d.root_opening - EXACT
+    assert s.root_width.max() < 1.1 * d.root_opening
 
 
 # --- solids
@@ -353,7 +353,10 @@ def test_the_same_seed_spatters_alike() -> None:
     ("imperfections", "key"),
     [
         (Imperfections(seams=(SeamWeldCap(at=radians(20)),)), "imperfections.seams.0.at_deg"),
-        (Imperfections(root=RootAsFitted(is_open=True, opening=(-3.5e-3,))), "groove.root_gap_mm"),
+        (
+            Imperfections(root=RootAsFitted(is_open=True, opening=(-3.5e-3,))),
+            "groove.root_opening_mm",
+        ),
     ],
 )
 def test_what_cannot_be_built_is_refused(imperfections: Imperfections, key: str) -> None:

@@ -224,7 +224,7 @@ def test_any_size_is_built_soundly_or_refused_clearly(
                 (float(np.deg2rad(psi)), float(np.deg2rad(groove)))
                 for psi, groove in ((60, 40), (90, opening), (140, 65))
             ),
-            root_gap=root[0],
+            root_opening=root[0],
             root_face=root[1],
             root_bead=root[2],
         )

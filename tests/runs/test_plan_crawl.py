@@ -52,7 +52,7 @@ def plan(joint: HullJoint = JOINT, after_pass: int = 0) -> WeldPlan:
 
 def test_the_edges_are_those_of_the_joint() -> None:
     found = edges(JOINT).corners(np.array([0.5 * LENGTH]))[0, :, 1:] * (1, -1)
-    half, gap = 0.5 * JOINT.width, 0.5 * JOINT.root_gap
+    half, gap = 0.5 * JOINT.width, 0.5 * JOINT.root_opening
     drawn = [(-gap, -20e-3), (gap, -20e-3), (half, 0.5e-3), (-half, -0.5e-3)]
     np.testing.assert_allclose(found, drawn, atol=0.15e-3)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import EXAMPLES
+from cells import EXAMPLES, PAPER
 from command import tjscan
 
 from tjscan.job.files import read_scan_job
@@ -122,6 +122,11 @@ def test_recordings_that_changed_places_are_refused(
         shutil.copyfile(runs / other / "scan.mcap", tmp_path / name / "scan.mcap")
     assert tjscan("stitch", tmp_path / "left", tmp_path / "right", "--out", tmp_path / "s") == 2
     assert "its recording is of station 'right'" in capsys.readouterr().err
+    alone = read_scan_job(PAPER, {"scan.sections": 3})
+    run_scan(ScanContext(alone, PAPER), tmp_path / "alone")
+    shutil.copyfile(tmp_path / "alone" / "scan.mcap", tmp_path / "left" / "scan.mcap")
+    assert tjscan("stitch", tmp_path / "left", runs / "right", "--out", tmp_path / "s") == 2
+    assert "its recording is of a scan without stations" in capsys.readouterr().err
 
 
 def test_what_is_no_run_of_a_station_is_refused_by_name(

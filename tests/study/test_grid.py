@@ -1,15 +1,19 @@
 """Laws of a study's grid: what it holds, in which order, and what it refuses."""
 
+import json
+import shutil
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 from cells import CLOCKWISE, PAPER
-from studies import ANY_JOINT, Expand, expand_in, settings_of
+from studies import ANY_JOINT, Expand, expand_in, resolved_of, settings_of
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.units import DEG, MM
-from tjscan.study.plan import read_plan
+from tjscan.robot import models
+from tjscan.study.plan import StudyPlan, read_plan
 
 
 @pytest.fixture
@@ -95,3 +99,47 @@ def test_only_a_task_that_brings_studies_can_be_studied(
 ) -> None:
     with pytest.raises(ConfigurationError, match=words):
         expand(task=task)
+
+
+def job_in(folder: Path, name: str = "paper.toml", arm: str = "ur10e") -> Path:
+    """The example and its joint, copied to a folder, with an arm."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copy(PAPER.parents[1] / "cad" / "tjoint-600x457.toml", folder)
+    file = folder / name
+    text = PAPER.read_text(encoding="utf-8").replace('model = "ur10e"', f'model = "{arm}"')
+    file.write_text(text.replace("../cad/", ""), encoding="utf-8")
+    return file
+
+
+def test_an_arm_of_ones_own_goes_with_the_plan(expand: Expand, tmp_path: Path) -> None:
+    job = job_in(tmp_path / "cell", arm="my.urdf")
+    urdf = job.with_name("my.urdf")
+    text = (files(models) / "ur10e.urdf").read_text(encoding="utf-8")
+    urdf.write_text(text, encoding="utf-8")
+    plan = expand(job=str(job), fixed={"scan.sections": 4})
+    urdf.unlink()
+    assert resolved_of(plan, plan[0]).settings
+    urdf.write_text(text.replace("<cylinder", "<mesh/><cylinder"), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="absolute path"):
+        expand(job=str(job), fixed={"scan.sections": 4})
+
+
+def test_jobs_of_one_name_are_told_apart_by_their_folders(expand: Expand, tmp_path: Path) -> None:
+    jobs = [str(job_in(tmp_path / name)) for name in ("left", "right")]
+    plan = expand(job=jobs, fixed={"scan.sections": 4})
+    assert [trial.inputs["job"] for trial in plan] == ["left/paper", "right/paper"]
+
+
+@pytest.mark.parametrize("name", ["../outside.txt", "/tmp/outside.txt", "a/../../outside.txt"])
+def test_a_plan_that_would_write_outside_of_its_folder_is_refused(
+    expand: Expand, tmp_path: Path, name: str
+) -> None:
+    plan = expand(fixed={"scan.sections": 4})
+    kept = tmp_path / "kept.json"
+    hostile = StudyPlan(plan.study, plan.seed_key, plan.jobs, {**plan.files, name: "x"})
+    kept.write_text(hostile.to_json(), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="outside of its folder"):
+        read_plan(kept)
+    kept.write_text(json.dumps({"study": {}, "runs": []}), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="begin the study again"):
+        read_plan(kept)

@@ -1,5 +1,6 @@
 """Laws of a running study: the same table wherever it runs, and nothing lost on the way."""
 
+import json
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -103,6 +104,10 @@ def test_an_interrupted_study_goes_on_to_the_same_table(
     assert len(pq.read_table(tmp_path / "s" / "study.parquet")) == 2
     # The machine lost power in the middle of a line.
     with (tmp_path / "s" / STUDY_ROWS_FILE).open("a") as file:
+        # Lines that are rows in form alone are passed over, too.
+        for key, value in (("index", "0"), ("inputs", None), ("wall_s", "long"), ("code", 1)):
+            line = json.loads(rows[0].to_json_line()) | {key: value}
+            file.write(json.dumps(line) + "\n")
         file.write(rows[3].to_json_line()[:50])
     rest = Here()
     assert timeless(run_study(tmp_path / "s", rest, ignore, study_backend_of_task)) == rows

@@ -254,8 +254,8 @@ FAULT_OF_DEVICE: Final[dict[str, type[errors.TjscanError]]] = {
 def guard_device(device: D, what: str, fault: type[errors.TjscanError]) -> D:
     """Let what a driver of another package raises end a run as a fault of its device.
 
-    Its methods raise the fault instead of OSError, and of a library that is missing, with the
-    driver's name; so a run ends as with any fault, and its results are written.
+    Its methods and properties raise the fault instead of OSError, and of a library that is missing,
+    with the driver's name; so a run ends as with any fault, and its results are written.
 
     Parameters
     ----------
@@ -279,14 +279,17 @@ def guard_device(device: D, what: str, fault: type[errors.TjscanError]) -> D:
 
         return call
 
-    kind = type(device)
-    methods = {
-        name: guarded(getattr(kind, name))
-        for name in dir(kind)
-        if (name in ("__enter__", "__exit__") or not name.startswith("_"))
-        and isfunction(getattr_static(kind, name))
-    }
-    device.__class__ = type(kind.__name__, (kind,), {"__slots__": (), **methods})
+    kind, own = type(device), dict[str, Any]()
+    for name in dir(kind):
+        found = getattr_static(kind, name)
+        if name.startswith("_") and name not in ("__enter__", "__exit__"):
+            continue
+        if isfunction(found):
+            own[name] = guarded(found)
+        elif isinstance(found, property) and found.fget is not None:
+            own[name] = found.getter(guarded(found.fget))
+    # Of the object itself: a frozen dataclass refuses any other way.
+    object.__setattr__(device, "__class__", type(kind.__name__, (kind,), {"__slots__": (), **own}))
     return device
 
 

@@ -34,8 +34,11 @@ OTHER_UNITS: Final[dict[str, tuple[tuple[str, float], ...]]] = {
     "us": (("milliseconds", 1e3), ("seconds", 1e6)),
     "percent": (("a share", 1e2),),
     "m_min": (("millimetres per second", 0.06),),
+    "kg_m": (("grams per metre", 1e-3),),
+    **dict.fromkeys(("n_m", "per_m", "deg_m", "mrad_s"), ()),
 }
-"""Units that are taken for the one a key ends in, and how many of that one each is."""
+"""Units that are taken for the one a key ends in, and how many of that one each is; the longest
+that a key ends in counts, so a torque's is no length."""
 
 
 def encoding_hint(content: bytes) -> str | None:
@@ -96,13 +99,15 @@ def list_hint(found: Any, wanted: int) -> str:
     """Hint about a list that has more numbers than are wanted."""
     if not isinstance(found, Sequence) or isinstance(found, str):
         return ""
-    if len(found) == 2 * wanted and all(type(one) is int and one >= 0 for one in found[1::2]):
-        meant = ", ".join(f"{a}.{b}" for a, b in zip(found[::2], found[1::2], strict=True))
-        return f"; decimal commas? Write points: [{meant}]"
+    pose = "a position and a rotation have a key each: position_mm and euler_zyx_deg"
     if all(type(one) is int for one in found):
-        return "; decimal commas? Write points"
+        hint = "; decimal commas? Write points"
+        if len(found) == 2 * wanted and min(found[1::2]) >= 0:
+            meant = ", ".join(f"{a}.{b}" for a, b in zip(found[::2], found[1::2], strict=True))
+            hint = f"{hint}: [{meant}]"
+        return f"{hint}; or {pose}" if (len(found), wanted) == (6, 3) else hint
     if (len(found), wanted) == (6, 3):
-        return "; a position and a rotation have a key each: position_mm and euler_zyx_deg"
+        return f"; {pose}"
     if (len(found), wanted) == (4, 3):
         return "; a quaternion? Write its three Z-Y-X Euler angles in degrees: [rz, ry, rx]"
     return ""

@@ -315,7 +315,8 @@ def refuse_radians(key: str, angles: tuple[float, ...], signs: tuple[float, ...]
     written = DEG.to_file(angles)
     if max(map(abs, written), default=0.0) > 2 * np.pi:
         return
-    if any(round(v, 1) != v if signs is None else round(abs(v), 6) in signs for v in written):
+    sizes = [round(abs(v), 6) for v in written]
+    if any(round(v, 1) != v if signs is None else v in signs for v in sizes):
         meant = [round(degrees(v), 3) for v in written]
         raise ValueError(f"{key}: {list(written)} looks like radians: write {meant}")
 

@@ -66,7 +66,7 @@ class BraceMisfit(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RootAsFitted(SettingsTable):
-    """Root gap as fitted up, which may differ from the drawing.
+    """Root opening as fitted up, which may differ from the drawing.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ class JointDefinition:
     groove_table : tuple of (float, float)
         Local dihedral angle at the brace's outer wall, growing, and groove angle there.
         Between them the groove angle is interpolated, beyond them it stays.
-    root_gap : float
+    root_opening : float
         Distance of the land from the leg, square to the leg.
     root_face : float
         The land's share of the brace's wall.
@@ -303,7 +303,7 @@ class JointDefinition:
     brace_length: float
     angle: float
     groove_table: tuple[tuple[float, float], ...]
-    root_gap: float
+    root_opening: float
     root_face: float
     root_bead: float
     imperfections: Imperfections = NO_IMPERFECTIONS
@@ -351,5 +351,5 @@ class JointDefinition:
         """Distance of the land from the leg at azimuths, in metres, shape (n,) or ()."""
         more = self.imperfections.root.opening
         if more == (0.0,):
-            return self.root_gap
-        return self.root_gap + interpolate_around_joint(more, phi)
+            return self.root_opening
+        return self.root_opening + interpolate_around_joint(more, phi)

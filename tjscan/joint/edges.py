@@ -100,7 +100,7 @@ def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Ar
     Parameters
     ----------
     gapped : LegSurface
-        The surface at the root gap over the leg.
+        The surface at the root opening over the leg.
     phi, rho, groove_angle : ndarray, shape (n,)
         Azimuth, distance of the land's outer edge from the brace's axis, and angle between
         bevel and leg in the section normal to that edge.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, NoReturn, Self
 
 import numpy as np
-from pydantic import Field, Strict
+from pydantic import Field, Strict, model_validator
 
 from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
@@ -29,7 +29,7 @@ LENGTH_KEYS: Final = {
     "brace_radius": ("brace", "outer_diameter_mm", METRES_PER_MM / 2),
     "brace_length": ("brace", "length_mm", METRES_PER_MM),
     "brace_wall": ("brace", "wall_mm", METRES_PER_MM),
-    "root_gap": ("groove", "root_gap_mm", METRES_PER_MM),
+    "root_opening": ("groove", "root_opening_mm", METRES_PER_MM),
     "root_face": ("groove", "root_face_mm", METRES_PER_MM),
     "root_bead": ("groove", "root_bead_mm", METRES_PER_MM),
 }
@@ -124,10 +124,11 @@ def _check_groove_table(d: JointDefinition) -> None:
                 f"{_to_deg(LEAST_GROOVE_ANGLE)} and {_to_deg(MOST_GROOVE_ANGLE)}",
             )
     widest = min(d.brace_wall, d.brace_inner_radius / 2)
-    if d.root_gap > widest:
+    if d.root_opening > widest:
         _raise_wrong_key(
-            "groove.root_gap_mm",
-            f"{_to_mm(d.root_gap)} is too wide for this brace; stay at or below {_to_mm(widest)}",
+            "groove.root_opening_mm",
+            f"{_to_mm(d.root_opening)} is too wide for this brace; stay at or below "
+            f"{_to_mm(widest)}",
         )
     if d.root_face >= d.brace_wall - LEAST_FREE_BEVEL:
         most = _to_mm(d.brace_wall - LEAST_FREE_BEVEL)
@@ -162,8 +163,8 @@ def _check_root(d: JointDefinition, s: JointGrooveSections) -> None:
     width = float(np.min(s.root_width))
     if not width >= LEAST_ROOT_WIDTH:
         _raise_wrong_key(
-            "groove.root_gap_mm",
-            f"gap and bead leave a root only {_to_mm(width)} wide; open the gap or raise the bead "
+            "groove.root_opening_mm",
+            f"opening and bead leave a root only {_to_mm(width)} wide; widen it or raise the bead "
             f"until it is {_to_mm(LEAST_ROOT_WIDTH)}",
         )
 
@@ -237,13 +238,27 @@ class BraceDimensions(LegDimensions):
     angle_deg: float = 90.0
 
 
+OLDER_OPENING_KEY: Final = "root_gap_mm"
+
+
 class GrooveDimensions(StrictFileModel):
     """The table [groove] of a joint's file: the prepared brace end and the root bead."""
 
     angle_deg: Annotated[tuple[AnglePairDeg, ...], Strict(False), Field(max_length=1000)]
-    root_gap_mm: SmallLengthMm
+    root_opening_mm: SmallLengthMm
     root_face_mm: SmallLengthMm
     root_bead_mm: SmallLengthMm
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_older_name(cls, table: Any) -> Any:
+        """Read a file that calls the root opening (AWS A3.0) a gap."""
+        if isinstance(table, dict) and OLDER_OPENING_KEY in table:
+            return {
+                "root_opening_mm" if key == OLDER_OPENING_KEY else key: one
+                for key, one in table.items()
+            }
+        return table
 
 
 class JointFile(StrictFileModel):

@@ -21,8 +21,8 @@ from annotated_types import Ge, Gt, Le, Len
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, METRE_UNIT, MM, SettingsTable
 
-LEAST_ROOT_GAP: Final = -1e-6
-"""Least root gap, in metres: below zero by no more than what rounding of the file leaves."""
+LEAST_ROOT_OPENING: Final = -1e-6
+"""Least root opening, in metres: below zero by no more than what rounding of the file leaves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +85,7 @@ class HullJoint(SettingsTable):
     root_face : float
         Height of the square edge below each bevel, in metres.
     backing : bool
-        Whether a strip closes the root gap; without, nothing is seen through it.
+        Whether a strip closes the root opening; without, nothing is seen through it.
     high_low : float
         Height of the right plate over the left one, out of the hull, in metres.
     length : float
@@ -115,17 +115,17 @@ class HullJoint(SettingsTable):
     def __post_init__(self) -> None:
         if not self.root_face < self.depth:
             raise ValueError("root_face_mm leaves no bevel: it must be smaller than depth_mm")
-        if self.root_gap < LEAST_ROOT_GAP:
+        if self.root_opening < LEAST_ROOT_OPENING:
             raise ValueError(
                 f"bevels of {1e3 * (self.depth - self.root_face):.4g} mm depth at this opening "
-                f"angle are {1e3 * (self.width - self.root_gap):.4g} mm wide: make width_mm at "
+                f"angle are {1e3 * (self.width - self.root_opening):.4g} mm wide: make width_mm at "
                 "least that, or the angle smaller"
             )
         if self.radius is not None and not abs(self.radius) >= 1.0:
             raise ValueError("radius_m is 1 or more, below zero if the joint bends to the left")
 
     @property
-    def root_gap(self) -> float:
+    def root_opening(self) -> float:
         """Between the plates at the root, in metres."""
         return self.width - 2 * (self.depth - self.root_face) * tan(self.opening_angle / 2)
 
@@ -133,7 +133,9 @@ class HullJoint(SettingsTable):
     def groove_area(self) -> float:
         """Of the empty groove below the line between its top edges, in m²."""
         bevelled = self.depth - self.root_face
-        return 0.5 * (self.width + self.root_gap) * bevelled + self.root_gap * self.root_face
+        return (
+            0.5 * (self.width + self.root_opening) * bevelled + self.root_opening * self.root_face
+        )
 
     @property
     def curvature(self) -> float:
@@ -212,7 +214,7 @@ HALF_PLATE_WIDTH: Final = 0.25
 """How far each plate is drawn from the joint, in metres: no laser line is longer."""
 
 DRAWN_GAP_DEPTH: Final = 0.5
-"""How deep a root gap without backing is drawn, in metres: out of any laser's range."""
+"""How deep a root opening without backing is drawn, in metres: out of any laser's range."""
 
 BEAD_NODES: Final = 25
 """Points on the face of a bead; the chords between them miss it by a micrometre or two."""
@@ -265,7 +267,7 @@ def _section_as_prepared(joint: HullJoint) -> Array:
     flank = _flank_nodes(joint)
     step = np.array((0.0, joint.high_low / 2))
     left, right = flank[::-1] * (-1, 1) - step, flank + step
-    if joint.backing or joint.root_gap < 4 * UPRIGHT_FACE_LEAN:
+    if joint.backing or joint.root_opening < 4 * UPRIGHT_FACE_LEAN:
         return np.vstack((left, right))
     inward = np.array((UPRIGHT_FACE_LEAN, -DRAWN_GAP_DEPTH))
     return np.vstack((left, left[-1] + inward, right[0] + inward * (-1, 1), right))
@@ -273,7 +275,7 @@ def _section_as_prepared(joint: HullJoint) -> Array:
 
 def _flank_nodes(joint: HullJoint) -> Array:
     """The right plate from the bottom of its root face outward, without high-low, (n, 2)."""
-    gap = max(joint.root_gap / 2, UPRIGHT_FACE_LEAN)
+    gap = max(joint.root_opening / 2, UPRIGHT_FACE_LEAN)
     nodes = [(gap, -joint.depth), (joint.width / 2, 0.0), (HALF_PLATE_WIDTH, 0.0)]
     if joint.root_face > 0:
         nodes.insert(1, (gap + UPRIGHT_FACE_LEAN, joint.root_face - joint.depth))

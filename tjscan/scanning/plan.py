@@ -244,10 +244,10 @@ class ScanPlan(units.SettingsTable):
     direction: Annotated[ScanDirection, units.LIST_OR_WORD_IN_FILE] = ScanDirection.COUNTERCLOCKWISE
     step: Annotated[float, Ge(5), Le(300), units.MM] = 0.04
     prediction: Annotated[Literal[1, 2, 3, 4, "smooth"], units.FileKey("prediction_case")] = 3
-    pull_angle: Annotated[float, Ge(-45), Le(45), units.ZeroOrAtLeast(1), units.DEG] = radians(10)
+    pull_angle: Annotated[float, Ge(-45), Le(45), units.ZeroOrAtLeast(0.5), units.DEG] = radians(10)
     standoff: Annotated[float, Ge(10), Le(2000), units.MM] = 0.23
     offset: Annotated[
-        float, Ge(-500), Le(500), units.ZeroOrAtLeast(1), units.MM.with_key("view_offset_mm")
+        float, Ge(-500), Le(500), units.ZeroOrAtLeast(0.1), units.MM.with_key("view_offset_mm")
     ] = -0.015
     length: Annotated[float | None, Ge(5), units.MM] = None
     sections: Annotated[int | None, Ge(3)] = None

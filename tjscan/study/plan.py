@@ -42,6 +42,9 @@ MOST_TRIALS_CHECKED: Final = 1000
 MOST_VALUES_CHECKED: Final = 200
 """Of an axis of a larger study, and of runs besides, evenly spaced."""
 
+NAMED_FILE_SUFFIXES: Final = (".toml", ".urdf")
+"""Of files that a job names."""
+
 MOST_NAMED_FILE_BYTES: Final = 1_000_000
 """A larger file is none that a job names."""
 
@@ -85,6 +88,13 @@ class StudyPlan(Sequence[Trial]):
         content = [PROGRAM_VERSION, self.file.task, self.file.fixed_settings, dict(self.files)]
         return hashlib.sha256(canonical_json(content).encode()).hexdigest()
 
+    @cached_property
+    def _job_names(self) -> tuple[str, ...]:
+        """The jobs in the table: their names, and their folders too if names are alike."""
+        stems = tuple(Path(job).stem for job in self.jobs)
+        paths = tuple(Path(job).with_suffix("").as_posix() for job in self.jobs)
+        return stems if len(set(stems)) == len(stems) else paths
+
     def __len__(self) -> int:
         return len(self.jobs) * prod(map(len, self._axes))
 
@@ -104,7 +114,7 @@ class StudyPlan(Sequence[Trial]):
             rest, place = divmod(rest, len(axis))
             varied = axis[place] | varied
         job = self.jobs[rest]
-        named = {"job": Path(job).stem} if len(self.jobs) > 1 else {}
+        named = {"job": self._job_names[rest]} if len(self.jobs) > 1 else {}
         identity = canonical_json([self._digest, job, varied])
         key = hashlib.sha256(identity.encode()).hexdigest()[:32]
         return Trial(index, key, job, varied, table_cells(named | varied))
@@ -198,9 +208,21 @@ def read_plan(file: Path) -> StudyPlan:
         len(plan)
     except OSError:
         raise ConfigurationError("there is no study", file=file.parent) from None
-    except (ValidationError, ConfigurationError, RecursionError) as error:
+    except ValidationError:
+        reason = "is no plan of a study, or one of an older tjscan: begin the study again"
+        raise ConfigurationError(reason, file=file) from None
+    except (ConfigurationError, RecursionError) as error:
         raise ConfigurationError(f"is no plan of a study: {error}", file=file) from None
+    outside = [name for name in plan.files if _leads_out(name)]
+    if outside or not set(plan.jobs) <= set(plan.files):
+        reason = "is no plan of a study: a file of it is missing, or outside of its folder"
+        raise ConfigurationError(reason, file=file)
     return plan
+
+
+def _leads_out(name: str) -> bool:
+    """Whether a path is not of a file in the folder that it is sought from."""
+    return Path(name).is_absolute() or ".." in Path(name).parts or "\0" in name
 
 
 MOST_PLAN_BYTES: Final = 100_000_000
@@ -230,7 +252,12 @@ def _files_of(job: Path, study: StudyFile, swept: Sequence[Mapping[str, Any]]) -
     yield job
     for text in _texts_in([read_toml(job), study.fixed, swept]):
         named = job.parent / text
-        if named.suffix == ".toml" and named.is_file():
+        if named.suffix in NAMED_FILE_SUFFIXES and named.is_file():
+            if named.suffix == ".urdf" and "<mesh" in _read_text(named):
+                if not Path(text).is_absolute():
+                    reason = f"{text} has meshes beside it: in a study give its absolute path"
+                    raise ConfigurationError(reason, file=job, key="arm.model")
+                continue
             yield named
 
 

@@ -125,10 +125,12 @@ class StudyRow(Generic[O]):
         """
         try:
             data: dict[str, Any] = json.loads(line)
-            if not isinstance(data["key"], str):
-                raise ValueError("no row of a study: its key is no text")
             data["outcome"] = outcome(**data["outcome"])
-            return cls(**data)
+            row = cls(**data)
+            kinds = ((row.key, str), (row.index, int), (row.inputs, dict), (row.code, str))
+            if not all(isinstance(v, kind) for v, kind in (*kinds, (row.wall_s, int | float))):
+                raise ValueError("no row of a study: a value of it is of another type")
+            return row
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no row of a study: {error}") from None
 

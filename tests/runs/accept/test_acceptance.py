@@ -112,6 +112,27 @@ def test_the_same_again_shows_drift_in_sigmas_and_who_measured(
     assert tjscan("accept", JOB, "--against", directory, "--arm.id", "another") == 2
 
 
+def test_another_ball_is_no_drift_and_what_was_not_measured_has_none(
+    accepted: tuple[run.Acceptance, Path, run.Measured],
+) -> None:
+    found, _, _ = accepted
+    larger = {"radius": 5.0, "place x": 20.0}
+    rows = tuple(
+        replace(
+            row,
+            measured=row.measured + larger.get(row.key, 0.0),
+            nominal=row.nominal + (5.0 if row.key == "radius" else 0.0),
+        )
+        for row in found.rows
+    )
+    other = replace(found, rows=rows, artefact=found.artefact | {"certificate": "another"})
+    drifts = {row.key: row.drift for row in other.compared_with(found).rows}
+    assert drifts["radius"] == pytest.approx(0.0, abs=1e-6)
+    assert drifts["place x"] is None
+    first = replace(found, rows=found.rows[:1])
+    assert all(row.drift is None for row in found.compared_with(first).rows[1:])
+
+
 @pytest.mark.parametrize(
     ("keys", "named"),
     [

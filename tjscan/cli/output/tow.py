@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -71,11 +72,12 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
         if not page.live:
             yield context
             return
-        from tjscan.runs.live.tow import show_tow
+        from tjscan.runs.live.tow import show_planned, show_tow
 
         with show_tow(job, file.stem, page.page_address, print_message, ctrl_c_presser()) as shown:
             both = CombinedJournal(context.journal, shown)
-            yield replace(context, journal=both, show_truth=shown.record)
+            planned = partial(show_planned, shown)
+            yield replace(context, journal=both, show_truth=shown.record, show_planned=planned)
 
 
 def print_seam_feasibility(job: TowJob, file: Path, *, json: bool) -> None:

@@ -235,7 +235,11 @@ class SeamFeasibility:
 
 
 def check_seam(
-    job: TowJob, planner: ShapePlanner, along: float = 0.0, last: TowingPlan | None = None
+    job: TowJob,
+    planner: ShapePlanner,
+    along: float = 0.0,
+    last: TowingPlan | None = None,
+    show: Callable[[float], object] = bool,
 ) -> SeamFeasibility:
     """Plan along the whole seam with vehicles that are always where they were sent.
 
@@ -250,6 +254,8 @@ def check_seam(
         Where a tow goes on, metres.
     last : TowingPlan, optional
         Its shape there; searched for if left out.
+    show : callable, optional
+        Is given the share of the seam that is planned, again and again.
 
     Raises
     ------
@@ -262,7 +268,7 @@ def check_seam(
     starts = planner.starts(seam.pose_at(along), obstacles) if last is None else [last]
     sweeps = list[SeamFeasibility]()
     for k, start in enumerate(starts):
-        sweep = _plan_seam_from_start(start, planner, seam, along, obstacles)
+        sweep = _plan_seam_from_start(start, planner, seam, along, obstacles, show)
         sweeps.append(replace(sweep, chosen=k + 1, shapes=len(starts)))
         if not sweep.why:
             return sweeps[-1]
@@ -275,6 +281,7 @@ def _plan_seam_from_start(
     seam: Seam,
     begin: float,
     obstacles: Sequence[DiscObstacle],
+    show: Callable[[float], object],
 ) -> SeamFeasibility:
     plan, plans, reached = start, [start], begin
     count = 1 + int(np.ceil((seam.length - begin) / SEAM_STEP))
@@ -286,6 +293,7 @@ def _plan_seam_from_start(
         if plan.halt or plan.retreat:
             break
         reached = float(along)
+        show(reached / seam.length)
     return SeamFeasibility(start, seam.length, reached, plan.halt or plan.retreat, tuple(plans))
 
 

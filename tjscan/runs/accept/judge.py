@@ -109,8 +109,8 @@ class AcceptanceRow:
         return self.drift is not None and abs(self.drift) > FAILING_SIGMAS
 
     def compared_with(self, earlier: AcceptanceRow) -> AcceptanceRow:
-        """The same with its drift."""
-        change = self.measured - earlier.measured
+        """The same with its drift; of what has a certificate, against what it certifies."""
+        change = (self.measured - self.nominal) - (earlier.measured - earlier.nominal)
         sigma = max(float(np.hypot(self.sigma, earlier.sigma)), np.finfo(float).tiny)
         return replace(self, drift=change / sigma)
 

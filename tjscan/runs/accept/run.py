@@ -94,9 +94,12 @@ class Acceptance:
         return all(row.passes and not row.has_drifted for row in self.rows)
 
     def compared_with(self, earlier: Acceptance) -> Acceptance:
-        """The same with drifts of what both measured."""
-        before = {row.key: row for row in earlier.rows}
-        rows = [row.compared_with(before.get(row.key, row)) for row in self.rows]
+        """The same with drifts of what both measured; an artefact certified again was away."""
+        stayed = self.artefact["certificate"] == earlier.artefact.get("certificate")
+        before = {row.key: row for row in earlier.rows if stayed or row.limit is not None}
+        rows = [
+            row.compared_with(before[row.key]) if row.key in before else row for row in self.rows
+        ]
         return replace(self, rows=tuple(rows), against=f"{earlier.date:%Y-%m-%d %H:%M} UTC")
 
 

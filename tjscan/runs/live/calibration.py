@@ -10,6 +10,7 @@ from queue import Empty, SimpleQueue
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard import logbook
@@ -17,7 +18,7 @@ from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
-from tjscan.core.frames import Array, rot_z, transform_points
+from tjscan.core.frames import Array, pose, rot_z, transform_points
 from tjscan.job.cell import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
@@ -34,12 +35,17 @@ from tjscan.live.step import (
     Step,
 )
 from tjscan.result.directory import JOB_FILE
+from tjscan.robot.settings import Box, Cylinder, Solid
 from tjscan.runs.calibration.run import calibration_plan_of_job
 
 POSITION_SIGMA_MEASURE: Final = Measure("position known to", "mm", logarithmic=True)
 ROTATION_SIGMA_MEASURE: Final = Measure("rotation known to", "°", logarithmic=True)
 RESIDUAL_TABLE_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
 """Of the list of lines."""
+
+AXIS_COLOURS: Final = ((214, 39, 40), (44, 160, 44), (31, 119, 180))
+AXIS_LENGTH: Final = 0.1
+"""Metres of the drawn axes of the arm's base and the target."""
 
 TOUCH_MARK_HALF_SIZE: Final = 0.015
 """Metres, half the size of the mark on a touched place."""
@@ -90,7 +96,9 @@ class CalibrationShow:
         fan = np.vstack((T_b_s[:3, 3], corners, T_b_s[:3, 3]))
         axes = [np.stack((T_b_f[:3, 3], T_b_f[:3, 3] + 0.1 * axis)) for axis in T_b_f[:3, :3].T]
         way = np.stack((T_b_f[:3, 3], T_b_s[:3, 3]))
-        return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED_COLOUR, width=3.0)})
+        tip = transform_points(T_b_f, self._plan.tip_f)
+        lines = (fan, way, *axes, np.stack((T_b_f[:3, 3], tip)), *_cross_at(tip))
+        return Step(drawn={"next": Lines.through(*lines, colour=FITTED_COLOUR, width=3.0)})
 
     def _make_scene_setup(self, job: CalibrationJob, title: str) -> SceneSetup:
         board, (x, y) = self._plan.T_b_board, self._plan.half_sizes
@@ -108,19 +116,26 @@ class CalibrationShow:
             False,
             kinematics_of_job(job),
             solids_in_base(job),
-            tuple(one.solid for one in job.clearance.tool),
-            ghost=(face,),
+            tuple(one.solid for one in job.clearance.tool) or tuple(self._sensor_and_probe()),
+            ghost=(face, *_axes_lines(np.eye(4)), *_axes_lines(board)),
             look_at=at,
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
+
+    def _sensor_and_probe(self) -> Iterator[Solid]:
+        """Sensor and probe of an arm whose job states no tool: a box, and a rod to its tip."""
+        yield Solid("sensor", Box((0.06, 0.09, 0.05)), self._T_f_s)
+        tip = np.asarray(self._plan.tip_f)
+        if (length := float(np.linalg.norm(tip))) > 0:
+            turn = Rotation.align_vectors([tip / length], [(0.0, 0.0, 1.0)])[0].as_matrix()
+            yield Solid("probe", Cylinder(0.004, length), pose(turn, 0.5 * tip))
 
     def _page_step_of_touch(self, touch: logbook.BoardTouch) -> Step:
         label = f"place {touch.place_number + 1}"
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
         tip = transform_points(touch.T_b_f, self._plan.tip_f)
-        marks = [np.stack((tip - arm, tip + arm)) for arm in TOUCH_MARK_HALF_SIZE * np.eye(3)]
-        cross = Lines.through(*marks, colour=TOOL_COLOUR, width=3.0)
+        cross = Lines.through(*_cross_at(tip), colour=TOOL_COLOUR, width=3.0)
         drawn: dict[str, Drawable] = {f"touch/{touch.place_number}": cross}
         if touch.q is not None:
             drawn["arm"] = ArmPosture(touch.q)
@@ -157,6 +172,17 @@ class CalibrationShow:
                 rows.append((one.name, f"{1e3 * one.offset:+.3f}", f"{one.misfit:.1f}", note))
         share, samples = min(taken / progress.wanted, 1.0), (Sample(float(taken), values),)
         return Step(f"{taken} lines", {}, facts, share, samples, table=[RESIDUAL_TABLE_HEAD, *rows])
+
+
+def _cross_at(tip: Array) -> list[Array]:
+    return [np.stack((tip - arm, tip + arm)) for arm in TOUCH_MARK_HALF_SIZE * np.eye(3)]
+
+
+def _axes_lines(T: Array) -> Iterator[Lines]:
+    """Axes of a frame: x red, y green, z blue."""
+    for axis, colour in zip(T[:3, :3].T, AXIS_COLOURS, strict=True):
+        end = T[:3, 3] + AXIS_LENGTH * axis
+        yield Lines.through(np.stack((T[:3, 3], end)), colour=colour, width=3.0)
 
 
 def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:
@@ -279,7 +305,12 @@ def operator_on_page(
     """
     show = CalibrationShow(job, job_file, job_file.stem)
     looks = job.laser.driver_kind is DriverKind.REAL
-    with show_run(show, where, report, lambda _: ()) as run:
+
+    def before() -> Iterator[Step]:
+        if job.simulation is not None and job.simulation.arm is not None:
+            yield Step(drawn={"arm": ArmPosture(np.array(job.simulation.arm.home))})
+
+    with show_run(show, where, report, lambda _: (), before) as run:
         if run.page is None:
             raise PageUnavailable("questions can't be answered without the page: leave out --live")
         operator = PageOperator(run, show, report, looks=looks)

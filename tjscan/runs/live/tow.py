@@ -41,6 +41,8 @@ DRAWN_VEHICLE_HEIGHT: Final = 0.25
 """Metres, of a drawn vehicle."""
 DRAWN_CABLE_HEIGHT: Final = 0.1
 """Metres above the floor at which the cable is drawn."""
+VIEW_DISTANCE: Final = 1.7
+"""From which the area is seen, in lengths of its longer side."""
 SIDES_OF_DRAWN_OBSTACLE: Final = 40
 """Sides of a drawn obstacle."""
 CYCLES_BETWEEN_PAGE_STEPS: Final = 2
@@ -80,7 +82,10 @@ class TowShow:
         walls = [_lift_to_height(np.array((*ring, ring[0])), height=0.0) for ring in rings]
         outline = np.array(job.area.outline)
         middle = np.array((*(0.5 * (outline.min(axis=0) + outline.max(axis=0))), 0.0))
-        size = float(np.linalg.norm(np.ptp(outline, axis=0)))
+        wide, deep = np.ptp(outline, axis=0)
+        # The longer side is across the picture, and all of it in view.
+        away = (0.0, -0.55, 0.85) if wide > deep else (-0.55, 0.0, 0.85)
+        out = VIEW_DISTANCE * max(wide, deep)
         upright = pose(p=(0.0, 0.0, 0.5 * DRAWN_VEHICLE_HEIGHT))
         shape = Cylinder(job.vehicles.radius, DRAWN_VEHICLE_HEIGHT)
         names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
@@ -97,7 +102,7 @@ class TowShow:
                 Lines.through(seam, colour=LASER_COLOUR, width=2.5),
             ),
             look_at=middle,
-            look_from=middle + size * np.array((0.0, -0.55, 0.85)),
+            look_from=middle + out * np.array(away),
         )
 
     def _cycle_step(self, cycle: TowCycle) -> Step:
@@ -184,5 +189,11 @@ def show_tow(
     """Show a tow while the block runs; for the parameters see `show_crawl`."""
     stop = stop_button(interrupt, "all vehicles")
     with show_run(TowShow(job, title), where, report, lambda _: stop) as run:
-        run.show_state("plans the whole seam before anything moves")
+        show_planned(run, 0.0)
         yield run
+
+
+def show_planned(run: RunOnPage, share: float) -> None:
+    """Show how much of the seam is planned."""
+    state = f"plans the whole seam before anything moves: {share:.0%}"
+    run.record(Step(facts={STATE_FACT: state}, progress=share))

@@ -67,9 +67,12 @@ class TowContext(run.JobContext[TowJob]):
     ----------
     show_truth : callable, optional
         Is given what a simulation knows, each time that it is recorded.
+    show_planned : callable, optional
+        Is given the share of the seam that is planned before anything moves.
     """
 
     show_truth: Callable[[TowTruth], object] | None = None
+    show_planned: Callable[[float], object] = bool
 
     def truth_of(self, cell: TowCell) -> Callable[[], TowTruth] | None:
         """What a recording asks for the truth of a simulation; None for a real team."""
@@ -110,7 +113,7 @@ def run_tow(context: TowContext, directory: Path) -> None:
     job = context.job
     with add_file_to_errors(context.job_file):
         planner = make_shape_planner(job)
-        sweep = check_seam(job, planner)
+        sweep = check_seam(job, planner, show=context.show_planned)
         sweep.refuse_if_blocked()
         cell = make_tow_cell(job, sweep.start.angles)
         run.make_vehicle_run_directory(directory, context)
