@@ -19,6 +19,9 @@ PARALLEL_SINE: Final = 1e-3
 TACK_WELD: Final = "tack"
 """Condition of a section whose root is buried under a tack weld."""
 
+FROM_NEIGHBOURS: Final = "corner by neighbours"
+"""Condition of a section with a corner that contradicted its neighbours, and is given by them."""
+
 NARROWEST_ROOT_WIDTH: Final = 1e-12
 """Metres: a narrower root has no direction."""
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.comparison.compare import Comparison
+from tjscan.groove.section import FROM_NEIGHBOURS
 from tjscan.report.data import ReportData
 from tjscan.result.chapter import HeadlineNumber, verdict_on
 from tjscan.result.directory import JOINT_FILE
@@ -144,6 +145,12 @@ def _uncertain_corner_findings(data: ReportData) -> Iterator[str]:
         yield (
             f"In {bad} of {len(sigma)} sections a corner is read to worse than "
             f"{UNSURE_SIGMA_MM:g} mm (one standard deviation); the worst to {sigma.max():.2f} mm."
+        )
+    shown = sum(FROM_NEIGHBOURS in section.conditions for section in data.sections)
+    if shown:
+        yield (
+            f"In {shown} of {len(sigma)} sections a corner contradicted its neighbours, and is "
+            "given as these show it."
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import dist, isnan, radians
+from math import dist, isnan, nan, radians
 from typing import Final, Protocol
 
 import numpy as np
@@ -284,26 +284,46 @@ def name_tack_ends(sections: Sections) -> tuple[ScannedSection, ...]:
 
 def _with_buried_root(groove: GrooveSection) -> GrooveSection:
     """The same section with its root under a tack weld."""
-    covariance = np.zeros((8, 8))
-    covariance[:6, :6], covariance[6:, 6:] = groove.covariance_s, groove.tangent_covariance
+    covariance = groove.covariance_s.copy()
     up = groove.points_s[1] - groove.points_s[2]
     for k, along in ((2, up / np.linalg.norm(up)), (4, groove.leg_s)):
         way = BURIED_DEPTH_IN_CHORDS * groove.root_width * along[[0, 2]]
         covariance[k : k + 2, k : k + 2] += np.outer(way, way)
+    section = section_with_corners(groove, groove.points_s, covariance)
+    shown = (WELD_IN_ROOT, WELD_IN_GROOVE, ROOT_NOT_SEEN)
+    others = tuple(one for one in groove.conditions if one not in shown)
+    return replace(section, conditions=(TACK_WELD, *others), absent=("p3", "p4"), root_opening=nan)
+
+
+def section_with_corners(
+    groove: GrooveSection, points_s: Array, covariance_s: Array
+) -> GrooveSection:
+    """The same section with its corners elsewhere, or known otherwise.
+
+    Parameters
+    ----------
+    groove : GrooveSection
+    points_s : ndarray, shape (5, 3)
+        p1 to p5 in frame s, metres.
+    covariance_s : ndarray, shape (6, 6)
+        Of x and z of p2, p3 and p4, in m².
+    """
+    covariance = np.zeros((8, 8))
+    covariance[:6, :6], covariance[6:, 6:] = covariance_s, groove.tangent_covariance
     section = section_from_points(
-        groove.points_s,
+        points_s,
         wall_s=groove.wall_s,
         leg_s=groove.leg_s,
         rms=groove.rms,
         covariance=covariance,
     )
-    shown = (WELD_IN_ROOT, WELD_IN_GROOVE, ROOT_NOT_SEEN)
-    others = tuple(one for one in groove.conditions if one not in shown)
     return replace(
         section,
         model=groove.model,
-        conditions=(TACK_WELD, *others),
-        absent=("p3", "p4"),
+        model_probability=groove.model_probability,
+        conditions=groove.conditions,
+        absent=groove.absent,
+        root_opening=groove.root_opening,
         evidence=groove.evidence,
     )
 

@@ -11,15 +11,16 @@ from scipy.spatial.transform import Rotation
 from seams import Noise, seam
 
 from tjscan.core.errors import LaserFault
-from tjscan.core.frames import Array, pose
+from tjscan.core.frames import Array, pose, unit_vector
+from tjscan.groove.section import FROM_NEIGHBOURS
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.scanning.continuous.clocks import LaserClock, ShuttleViews, clock_offset
 from tjscan.scanning.continuous.fusing import ProfileFuser, fuse_profiles
 from tjscan.scanning.continuous.poses import ActualPoses
-from tjscan.scanning.continuous.seam_ahead import predict_seam
-from tjscan.scanning.continuous.smoothing import smooth_corners
+from tjscan.scanning.continuous.seam_ahead import predict_seam, seam_direction
+from tjscan.scanning.continuous.smoothing import finished_sections, smooth_corners
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.sections_before import planning_sections
 from tjscan.scanning.target import ScanDirection
@@ -235,11 +236,49 @@ def test_smoothing_takes_noise_away_and_leaves_a_parabola_and_a_jump() -> None:
         off = smooth_corners(sections) - np.array([one.points_b[1:4] for one in straight])
         return np.asarray(off[:, 0] @ sections[0].view.T_b_s[:3, 0])
 
-    np.testing.assert_allclose(smoothed(way), way, atol=3e-7)  # over its chords, not over s
+    np.testing.assert_allclose(smoothed(way), way, atol=1e-6)  # over its chords, not over s
     left = smoothed(way + noise)[4:-4] - way[4:-4]
     assert left.std() < 0.75 * noise.std()
     over = smoothed(step + noise)
     assert np.abs(over - step).max() < 0.15e-3  # nothing is smeared over the step
+
+
+def test_the_grooves_direction_is_known_to_two_degrees_whatever_one_section_is_off() -> None:
+    """Profiles are slid along it: 2° over a millimetre are 0.03 mm across the groove."""
+    walk = seam("tjoint-406x324", noise=Noise(points=0.1e-3)).walk(0.4, 0.002, 60)
+    exact = seam("tjoint-406x324").walk(0.4, 0.002, 60)
+    for k in range(20, 58):
+        ahead = exact[k + 1].points_b[1:4] - exact[k - 1].points_b[1:4]
+        cosine = seam_direction(walk[: k + 1]) @ unit_vector(ahead.mean(axis=0))
+        assert np.degrees(np.arccos(cosine)) < 2.0
+
+
+def test_a_lone_corner_that_contradicts_its_neighbours_is_given_by_them_and_named() -> None:
+    random = np.random.default_rng(5)
+    s: Array = 0.002 * np.arange(40.0)
+    way: Array = np.asarray(2.0 * (s - 0.04) ** 2)
+    read = way + 0.03e-3 * random.standard_normal(40)
+    wrong = [0, 12, 25, 39]
+    read[wrong] += 0.8e-3
+    sections = [section_at(a, b, k) for k, (a, b) in enumerate(zip(s, read, strict=True))]
+    fused = [replace(one, view=replace(one.view, substep=Substep.FUSED)) for one in sections]
+    given = finished_sections(fused)
+    assert [k for k, one in enumerate(given) if FROM_NEIGHBOURS in one.groove.conditions] == wrong
+    for k in wrong:
+        off = (given[k].points_b - section_at(s[k], way[k], k).points_b)[1:4]
+        assert np.linalg.norm(off, axis=1).max() < 0.1e-3
+        sigmas = np.sqrt(np.trace(given[k].groove.corner_covariances_s, axis1=1, axis2=2))
+        assert (np.linalg.norm(off, axis=1) < 3 * sigmas).all()
+    assert finished_sections(given) == given  # what was given once stays
+    assert finished_sections(sections) == tuple(sections)  # of a stepwise scan
+
+
+def test_what_begins_in_the_groove_is_not_taken_for_a_wrong_reading() -> None:
+    s: Array = 0.002 * np.arange(40.0)
+    step = np.where(np.arange(40) < 20, 0.0, 2e-3)
+    sections = [section_at(a, b, k) for k, (a, b) in enumerate(zip(s, step, strict=True))]
+    fused = [replace(one, view=replace(one.view, substep=Substep.FUSED)) for one in sections]
+    assert all(FROM_NEIGHBOURS not in one.groove.conditions for one in finished_sections(fused))
 
 
 @pytest.mark.parametrize("leap", [-1.0, -0.1, 0.1, 100.0])

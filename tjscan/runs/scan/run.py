@@ -43,7 +43,7 @@ from tjscan.runs import run
 from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
 from tjscan.runs.scan import results
 from tjscan.runs.scan.uncertainty import causes_of_job
-from tjscan.scanning.continuous.smoothing import smooth_corners
+from tjscan.scanning.continuous.smoothing import finished_sections, smooth_corners
 from tjscan.scanning.continuous.stream import devices_that_follow
 from tjscan.scanning.journal import (
     RecordedScan,
@@ -56,7 +56,7 @@ from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.recording import ScanRecordingWriter, read_recorded_scan
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView, Substep
-from tjscan.scanning.sections_before import GrooveReader, name_tack_ends
+from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
 from tjscan.uncertainty.budget import summarise_budget
 from tjscan.uncertainty.causes import budget_of_causes
@@ -403,7 +403,7 @@ def write_scan_results(context: ScanContext, directory: Path, result: ScanResult
         If a file can't be written.
     """
     job, frame = context.job, result_frame_of_job(context.job)
-    result = replace(result, sections=name_tack_ends(result.sections))
+    result = replace(result, sections=finished_sections(result.sections))
     joint = None if frame.T_b_j is None else context.joint
     causes = causes_of_job(job, context.sensor_mount, result.sections)
     station = job.station[0].name if job.station else "1"

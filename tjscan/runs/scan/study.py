@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
@@ -41,6 +41,7 @@ from tjscan.runs.scan.ideal_views import (
 )
 from tjscan.runs.scan.results import flange_motion, summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
+from tjscan.scanning.continuous.smoothing import finished_sections
 from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import Substep
@@ -336,6 +337,7 @@ def scan_for_study(settings: StudyScanSettings) -> ScanOutcome:
 def _outcome_of_scan(
     result: ScanResult, plan: ScanPlan, frame: frames.JointOrBaseFrame, joint: JointDefinition
 ) -> ScanOutcome:
+    result = replace(result, sections=finished_sections(result.sections))
     corners = np.array([transform_points(frame.T_r_b, s.points_b) for s in result.sections])
     absent = absent_corners([s.groove for s in result.sections])
     errors = corner_to_edge_distances(corners, _cached_feature_edges(joint), absent)

@@ -38,8 +38,8 @@ from tjscan.runs.run import RUN_INPUT_FILES, WhenFinished, do_nothing
 from tjscan.runs.scan.results import cloud_of_sections, corner_errors, write_run_results
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
+from tjscan.scanning.continuous.smoothing import finished_sections
 from tjscan.scanning.recording import read_recorded_scan
-from tjscan.scanning.sections_before import name_tack_ends
 from tjscan.stitching import registration
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.stations import (
@@ -293,7 +293,7 @@ def read_station_run(directory: Path) -> StationRun:
         _check_recording_is_of_job(directory, job)
         read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
-        sections = name_tack_ends(done.reread_sections(read))
+        sections = finished_sections(done.reread_sections(read))
         context = ScanContext(job, job_file)
         joint = context.joint
     if not (directory / run_files.SUMMARY_FILE).is_file():

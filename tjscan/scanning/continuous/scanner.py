@@ -168,8 +168,7 @@ class ContinuousScanner(Scanner):
             return self._scan_on(self._straight_to_second())
         self._second_length = groove_length(sections[: nearest + 1])
         if nearest == len(sections) - 1:  # the second pose is still ahead
-            direction = seam_direction(planning_sections(sections))
-            ahead = float((self._second_point - origins[-1]) @ direction)
+            ahead = float((self._second_point - origins[-1]) @ seam_direction(sections))
             self._second_length += max(ahead, 0.0)
         return self._scan_on(self._standing(groove_length(sections)))
 
@@ -219,9 +218,9 @@ class ContinuousScanner(Scanner):
 
     def _standing(self, length: float) -> FollowedPath:
         """No path yet, from the section before which the arm stands."""
-        state, sections = self._setup.arm.state(), planning_sections(self._log.sections)
+        state = self._setup.arm.state()
         self._length, self._planned_length = length, -np.inf
-        self._along_b = seam_direction(sections)
+        self._along_b = seam_direction(self._log.sections)
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, length)
         return FollowedPath.standing(state.q, length, state.time)
 
@@ -321,6 +320,8 @@ class ContinuousScanner(Scanner):
         """Add a section, and see whether the groove is closed with it."""
         self._finish_section(section)
         self._length = self._length_of[section.view.index] = length
+        if len(planning_sections(self._log.sections)) > 1:  # nearer ones show less than the way
+            self._along_b = seam_direction(self._log.sections)
         origins = (one.T_b_g[:3, 3] for one in (section, self._log.sections[0]))
         away, near = dist(*origins), CLOSING_SPACINGS * self._plan.section_spacing
         self._left_first |= away > 2 * near
@@ -334,7 +335,6 @@ class ContinuousScanner(Scanner):
             return path
         try:
             seam = predict_seam(sections, self._plan, self._plan.horizon)
-            self._along_b = seam.T_b_t[0, :3, 0]
             new = self._planner.extend(path, seam, self._length, end, following.now)
             following.replace(new.motion)
         except (errors.TubesNotFound, errors.PoseUnreachable, errors.PathNotExtended) as error:

@@ -19,6 +19,10 @@ FIRST_DISTANCE: Final = 6e-3
 PREDICTION_SPACING: Final = 12e-3
 """Metres from the last section to the first place that is predicted, and from place to place."""
 
+DIRECTION_LENGTH: Final = 40e-3
+BEND_LENGTH: Final = 16e-3
+"""Metres of groove that show its direction, and that show its bend, too."""
+
 NEWTON_STEPS: Final = 4
 """From each place to the next."""
 
@@ -107,6 +111,24 @@ def _frames_along(origins: Array, walls: Array, angles: Array, plan: ScanPlan) -
 
 
 def seam_direction(sections: Sections) -> Array:
-    """Direction of the groove at the last of two or more sections, unit vector."""
-    last, before = (section.T_b_g[:3, 3] for section in (sections[-1], sections[-2]))
-    return unit_vector(last - before)
+    """Direction of the groove at the last of two or more sections, unit vector.
+
+    Of parabolas through the ways of the last sections' corners, as surely as each is known; of
+    lines through few.
+    """
+    last = sections[-seam_fit.MOST_RECENT_SECTIONS :]
+    origins = np.array([section.T_b_g[:3, 3] for section in last])
+    steps = np.linalg.norm(np.diff(origins, axis=0), axis=1)
+    along = -np.append(steps[::-1].cumsum()[::-1], 0.0)
+    near = along >= min(-DIRECTION_LENGTH, along[-2])
+    recent = [section for section, is_near in zip(last, near, strict=True) if is_near]
+    corners = np.array([section.points_b[1:4] for section in recent])
+    covariances = np.array([section.groove.corner_covariances_s for section in recent])
+    sigmas = np.sqrt(0.5 * np.trace(covariances, axis1=2, axis2=3) + seam_fit.ARM_REPEATABILITY**2)
+    degree = 2 if len(recent) > 2 and -along[near][0] >= BEND_LENGTH else 1
+    powers = np.vander(along[near], degree + 1, increasing=True)
+    slope = np.zeros(3)
+    for way, sigma in zip(corners.swapaxes(0, 1), sigmas.T, strict=True):
+        inverse = np.linalg.inv(powers.T @ (powers / sigma[:, None] ** 2))
+        slope += (inverse @ powers.T @ (way / sigma[:, None] ** 2))[1] / inverse[1, 1]
+    return unit_vector(slope)
