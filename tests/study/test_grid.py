@@ -128,6 +128,8 @@ def test_jobs_of_one_name_are_told_apart_by_their_folders(expand: Expand, tmp_pa
     jobs = [str(job_in(tmp_path / name)) for name in ("left", "right")]
     plan = expand(job=jobs, fixed={"scan.sections": 4})
     assert [trial.inputs["job"] for trial in plan] == ["left/paper", "right/paper"]
+    with pytest.raises(ConfigurationError, match="twice"):
+        expand(job=[*jobs, jobs[0]])
 
 
 @pytest.mark.parametrize("name", ["../outside.txt", "/tmp/outside.txt", "a/../../outside.txt"])

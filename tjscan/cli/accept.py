@@ -57,9 +57,12 @@ def accept(
         earlier = None if against is None else read_earlier_acceptance(against, parsed)
         operator = PrintOnlyOperator() if unattended else TerminalOperator()
         found = accept_cell(parsed, job, directory, operator, earlier)
-    head = ("", "measured", "±", "should be", "limit", "drift σ", "", "limit from")
-    print_figures_table(head, [_cells(row) for row in found.rows])
+    head = ("", "measured", "±", "should be", "limit", "", "drift σ")
+    shown = len(head) if against is not None else -1  # nothing has drifted since nothing
+    print_figures_table(head[:shown], [_cells(row)[:shown] for row in found.rows])
     for row in found.rows:
+        if row.limit is not None and not row.passes:
+            print_message(f"{row.what}: the limit is from {row.source}")
         if row.has_drifted:
             print_message(f"{row.key}: {row.what} has drifted since {found.against}")
     print_message(f"{'accepted' if found.passes else 'NOT accepted'}; the record is in {directory}")
@@ -74,6 +77,6 @@ def _cells(row: AcceptanceRow) -> tuple[str, ...]:
     cells = row.what, f"{row.measured:.3f} {row.unit}", f"{row.sigma:.3f}"
     drift = "" if row.drift is None else f"{row.drift:+.1f}"
     if row.limit is None:
-        return (*cells, "", "", drift, "", "")
+        return (*cells, "", "", "", drift)
     passes = "passes" if row.passes else "FAILS"
-    return (*cells, f"{row.nominal:.3f}", f"{row.limit:.3f}", drift, passes, row.source)
+    return (*cells, f"{row.nominal:.3f}", f"{row.limit:.3f}", passes, drift)

@@ -172,6 +172,8 @@ def plan_study(file: Path, backend_of: BackendOfTask) -> StudyPlan:
     kind = backend_of(study.task)
     names = (study.job,) if isinstance(study.job, str) else study.job
     jobs = [(file.parent / name).absolute() for name in names]
+    if len(set(jobs)) < len(jobs):
+        raise ConfigurationError("a job is there twice", file=file, key="job")
     swept = [value for axis in study.settings_by_axis(kind.seed) for value in axis]
     paths = {Path(os.path.normpath(path)) for job in jobs for path in _files_of(job, study, swept)}
     root = Path(os.path.commonpath([path.parent for path in paths]))
@@ -213,16 +215,11 @@ def read_plan(file: Path) -> StudyPlan:
         raise ConfigurationError(reason, file=file) from None
     except (ConfigurationError, RecursionError) as error:
         raise ConfigurationError(f"is no plan of a study: {error}", file=file) from None
-    outside = [name for name in plan.files if _leads_out(name)]
+    outside = any(Path(name).is_absolute() or ".." in Path(name).parts for name in plan.files)
     if outside or not set(plan.jobs) <= set(plan.files):
         reason = "is no plan of a study: a file of it is missing, or outside of its folder"
         raise ConfigurationError(reason, file=file)
     return plan
-
-
-def _leads_out(name: str) -> bool:
-    """Whether a path is not of a file in the folder that it is sought from."""
-    return Path(name).is_absolute() or ".." in Path(name).parts or "\0" in name
 
 
 MOST_PLAN_BYTES: Final = 100_000_000

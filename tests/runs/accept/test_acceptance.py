@@ -98,6 +98,7 @@ def test_the_same_again_shows_drift_in_sigmas_and_who_measured(
     job = read_acceptance_job(JOB, FEW)
     earlier = run.read_earlier_acceptance(directory.parent, job)
     assert earlier == found == run.read_earlier_acceptance(directory, job)
+    assert found == run.read_earlier_acceptance(directory / "acceptance.json", job)
     worn = tuple(
         replace(row, measured=row.measured + 4 * np.sqrt(2) * row.sigma)
         if row.key == "radius"

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 import trimesh
-from pydantic import TypeAdapter
+from pydantic import AwareDatetime, TypeAdapter
 from pydantic_core import to_json
 from scipy.linalg import block_diag
 
@@ -80,7 +80,7 @@ class Acceptance:
 
     program: str
     job: str
-    date: datetime
+    date: AwareDatetime
     arm: str
     laser: str
     devices: dict[str, str]
@@ -121,14 +121,14 @@ def check_certificate(job: AcceptanceJob, today: date) -> None:
 
 
 def read_earlier_acceptance(directory: Path, job: AcceptanceJob) -> Acceptance:
-    """Read an earlier acceptance of a job's cell: of a run directory, or the first of a folder.
+    """Read an earlier acceptance of a job's cell: its file, its run, or the first of a folder.
 
     Raises
     ------
     ConfigurationError
         If there is none of this arm and laser, or it can't be read.
     """
-    files = [directory / ACCEPTANCE_FILE, *directory.glob(f"*/{ACCEPTANCE_FILE}")]
+    files = [directory, directory / ACCEPTANCE_FILE, *directory.glob(f"*/{ACCEPTANCE_FILE}")]
     parse = TypeAdapter(Acceptance).validate_json
     found = [read_result_file(file, "an acceptance", parse) for file in files if file.is_file()]
     own = [one for one in found if (one.arm, one.laser) == _device_ids(job)]
