@@ -23,6 +23,7 @@ from tjscan.core.errors import (
     ArmFault,
     CalibrationRefused,
     ConfigurationError,
+    LaserFault,
     PoseUnreachable,
 )
 from tjscan.core.frames import Array, inverse_pose, pose
@@ -99,6 +100,7 @@ class ArtefactViewer:
     operator: Operator
     recording: RecordingWriter
     count: int = 0
+    clock_fault: LaserFault | None = None
 
     def window_places(self) -> Iterator[Array]:
         """Where the ball is to be seen, in the sensor frame, metres; the middle of the range first.
@@ -216,12 +218,8 @@ class ArtefactViewer:
         -------
         list of tuple of float
             A stamp of the laser, by how much the arm's clock is ahead there, and its standard
-            deviation, seconds; none if arm or laser do not state times, or it is passed over.
-
-        Raises
-        ------
-        LaserFault
-            If no offset lets the ball stand still.
+            deviation, seconds; none if arm or laser do not state times, it is passed over, or no
+            offset lets the ball stand still: see `clock_fault`.
         """
         try:
             follows, streams = devices_that_follow(self.cell.arm, self.cell.laser)
@@ -253,7 +251,12 @@ class ArtefactViewer:
                 centres.append(fit_circle(profile, self.stated.noise).centre_s[[0, 2]])
                 stamps.append(profile.time)
         views = ShuttleViews(np.array(stamps), np.array(centres).reshape(-1, 1, 2))
-        offset, sigma = clock_offset(views, poses, self.cell.T_f_s, quickest)
+        try:
+            offset, sigma = clock_offset(views, poses, self.cell.T_f_s, quickest)
+        except LaserFault as fault:  # of the laser, or of an arm that does not repeat
+            self.clock_fault = fault
+            self.operator.report(str(fault))
+            return []
         return [(profiles[len(profiles) // 2].time, offset, sigma)]
 
     def stop_on_the_way(self, T_b_f: Array) -> tuple[list[ArmState], int]:

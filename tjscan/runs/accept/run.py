@@ -20,7 +20,7 @@ from tjscan.calibration.wizard.logbook import CALIBRATION_TOPICS
 from tjscan.calibration.wizard.operator import Operator
 from tjscan.core.config import table_to_dict
 from tjscan.core.devices import DriverKind
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError, LaserFault
 from tjscan.core.files import lock_and_clean_directory, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
@@ -252,6 +252,7 @@ class Measured:
     second: list[PosedProfile]
     stop: tuple[list[ArmState], int]
     clocks: list[tuple[float, float, float]]
+    clock_fault: LaserFault | None
 
     @classmethod
     def take(cls, job: AcceptanceJob, viewer: ArtefactViewer) -> Measured:
@@ -286,7 +287,7 @@ class Measured:
         clocks += viewer.lay_clock(motion_limits_of_job(job))
         start = np.append(centre, R)
         looks = BallLooks.of_profiles([grid], stated, start, judge.FEWEST_LOOKS).solved()
-        return cls(looks, returns, postures, second, stop, clocks)
+        return cls(looks, returns, postures, second, stop, clocks, viewer.clock_fault)
 
     def rows(self, job: AcceptanceJob, stated: StatedErrors) -> Iterator[AcceptanceRow]:
         """What was measured, against what is stated."""
@@ -297,7 +298,10 @@ class Measured:
         what = f"pose repeatability RP, n = {returns.count} (ISO 9283)"
         source = f"arm.uncertainty.repeatability_mm ({evidence}) and the laser's noise"
         numbers = returns.repeatability()
-        yield AcceptanceRow.of_length("repeatability", what, numbers, source)
+        row = AcceptanceRow.of_length("repeatability", what, numbers, source)
+        if self.clock_fault is not None and row.passes:
+            raise self.clock_fault
+        yield row
         times = max(1.0, numbers[0] / numbers[2])
         noise = stated.noise
         noise = replace(noise, position=times * noise.position, rotation=times * noise.rotation)
