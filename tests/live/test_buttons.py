@@ -5,8 +5,12 @@ from typing import Any
 
 import pytest
 
+from tjscan.live.listening import show_run
 from tjscan.live.page import Button, Page, PageAddress
-from tjscan.live.step import SceneSetup
+from tjscan.live.step import SceneSetup, Step
+from tjscan.recording.journal import RunEvent
+from tjscan.runs.live.scan import scan_buttons
+from tjscan.scanning.stopping import StopRequest
 
 
 def test_a_button_pressed_while_others_are_added_finds_them_all(
@@ -30,3 +34,31 @@ def test_a_button_pressed_while_others_are_added_finds_them_all(
         for one in pressed:
             one.result()
     assert len(pressed) == len(words)
+
+
+class NothingShown:
+    """A show of a run that only has events."""
+
+    setting = SceneSetup("nothing")
+
+    def step_of_entry(self, entry: object) -> Step:
+        assert isinstance(entry, RunEvent)
+        return Step(events=((entry.name, entry.detail),))
+
+
+def test_after_its_end_a_run_shows_how_it_ended_and_no_button_answers() -> None:
+    stop = StopRequest()
+    with show_run(
+        NothingShown(),
+        PageAddress(port=0),
+        lambda _: None,
+        lambda run: scan_buttons(run, stop, lambda: None),
+    ) as run:
+        page = run.page
+        assert page is not None
+        run.show_state("pausing after the section under way")
+        run.record(RunEvent("stop", "length reached"))
+    assert all(handle.disabled for handle in page._buttons.values())
+    shown = page.views[0].panel.state.content
+    assert "ended: stop, length reached" in shown
+    assert "pausing" not in shown
