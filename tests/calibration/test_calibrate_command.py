@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
+from _targets import TargetSimulator
 from calibration_stage import (
     HAND,
     MM,
+    NOISE,
     PLACES,
     PLANE,
     T_F_S,
+    WINDOW,
     circle,
     error,
     looking,
@@ -297,6 +300,72 @@ def test_poses_that_are_none_are_refused(
         told = " ".join(capsys.readouterr().err.split())
         assert words in told
         assert "poses.csv" in told
+
+
+MISTAKEN_COLUMNS: dict[str, tuple[tuple[str, ...], str, Callable[[Rotation], Array]]] = {
+    "radians as degrees": (
+        ("a_deg", "b_deg", "c_deg"),
+        "a_rad, b_rad, c_rad",
+        lambda R: R.as_euler("ZYX"),
+    ),
+    "degrees as radians": (
+        ("rx_rad", "ry_rad", "rz_rad"),
+        "rx_deg, ry_deg, rz_deg",
+        lambda R: R.as_rotvec(degrees=True),
+    ),
+    "angles swapped": (
+        ("a_deg", "b_deg", "c_deg"),
+        "w_deg, p_deg, r_deg",
+        lambda R: R.as_euler("xyz", degrees=True),
+    ),
+    "scalar first": (
+        ("qx", "qy", "qz", "qw"),
+        "q1, q2, q3, q4",
+        lambda R: R.as_quat(scalar_first=True),
+    ),
+    "scalar last": (
+        ("q1", "q2", "q3", "q4"),
+        "qx, qy, qz, qw",
+        lambda R: R.as_quat(),
+    ),
+    "rotation vector as angles": (
+        ("w_deg", "p_deg", "r_deg"),
+        "rx_rad, ry_rad, rz_rad",
+        lambda R: R.as_rotvec(),
+    ),
+    "angles as rotation vector": (
+        ("rx_deg", "ry_deg", "rz_deg"),
+        "w_deg, p_deg, r_deg",
+        lambda R: R.as_euler("xyz", degrees=True),
+    ),
+    "nothing": (("qx", "qy", "qz", "qw"), "qx, qy, qz, qw", lambda R: R.as_quat()),
+}
+"""Names of columns, those that were meant, and the numbers."""
+BALL = TargetSimulator(T_F_S, WINDOW, NOISE, radius=0.0127)
+
+
+@pytest.mark.parametrize("mistake", MISTAKEN_COLUMNS)
+@pytest.mark.parametrize("unit", ["mm", "m"])
+def test_a_mistaken_convention_is_named_with_what_to_write(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], mistake: str, unit: str
+) -> None:
+    """`unit` is that of the numbers, below columns in millimetres."""
+    rng = np.random.default_rng(21)
+    poses = BALL.poses(rng, 14, "ball")
+    lines = write_lines(tmp_path, [BALL.ball_profile(T, rng) for T in poses])
+    names, meant, write = MISTAKEN_COLUMNS[mistake]
+    scale = {"mm": 1e3, "m": 1.0}[unit]
+    rows = [(*(scale * T[:3, 3]), *write(Rotation.from_matrix(T[:3, :3]))) for T in poses]
+    places = write_rows(tmp_path / "poses.csv", ("x_mm", "y_mm", "z_mm", *names), rows)
+    files = {"profiles": str(lines), "poses": str(places), "target": "ball", "radius_mm": 12.7}
+    code = tjscan("calibrate", write_job(tmp_path, files), "--out", tmp_path / "run")
+    told = " ".join(capsys.readouterr().err.split())
+    if mistake == "nothing" and unit == "mm":
+        assert code == 0
+        return
+    assert code == 1
+    assert "read in another way than they were meant" in told
+    assert f"name the columns x_{unit}, y_{unit}, z_{unit}, {meant} in" in told
 
 
 def test_a_quaternion_that_is_none_is_refused(

@@ -1,11 +1,14 @@
 """Calibration on a ball, its radius known or not."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from _targets import BALL_B, TargetSimulator
 from calibration_stage import NOISE, T_F_S, WINDOW, error
 
 from tjscan.calibration.hand_eye import calibrate_on_targets
+from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget
 from tjscan.calibration.targets.target import PosedFit
@@ -94,3 +97,26 @@ def test_the_radius_is_measured_beside_the_stated_one() -> None:
     assert measured.stated == RADIUS
     assert measured.radius == pytest.approx(RADIUS, abs=4 * measured.sigma)
     assert result.radius == pytest.approx(RADIUS, abs=40e-6)  # four tolerances of the stated one
+
+
+def test_a_radius_is_refused_only_as_surely_as_few_residuals_allow() -> None:
+    """Poses that scatter more than stated widen its sigma, which few of them show roughly."""
+    loud = NoiseModel(position=2 * NOISE.position, rotation=2 * NOISE.rotation, geometry=0.0)
+    hand = TargetSimulator(T_F_S, WINDOW, loud, radius=0.0127)
+    rng, taken = np.random.default_rng(5), list[PosedFit[CircleFit]]()
+    while len(taken) < 9:
+        T = hand.poses(rng, 1, "ball")
+        with suppress(CalibrationRefused):  # the ball is out of view
+            taken += hand.arcs(T, T, rng)
+
+    def calibrated(radius: float | None) -> HandEyeCalibration:
+        return calibrate_on_targets([SeenBall(taken, SphereTarget(radius), NOISE)], NOISE)
+
+    free = calibrated(None)
+    assert free.measured_radius is not None
+    assert free.sigma_scale > 1
+    assert (free.geometry, free.rejected_sample_names) == (0.0, ())
+    found, sigma = free.measured_radius.radius, free.measured_radius.sigma
+    calibrated(found + 3.6 * sigma)  # a normal distribution would refuse 3.3
+    with pytest.raises(CalibrationRefused, match="another radius"):
+        calibrated(found + 5 * sigma)

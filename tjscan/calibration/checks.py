@@ -8,8 +8,9 @@ than 1/p with a probability of less than p (Royall 1997, Statistical Evidence, 1
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Final
 
 import numpy as np
@@ -419,11 +420,15 @@ MAX_VARIANCE_SCALE: Final = 9.0
 """A hypothesis fits if no variance must be larger than stated by more than this."""
 MAX_SWAPPED_PAIRS_TRIED: Final = 15
 """Pairs of rejected profiles whose poses are exchanged."""
+PoseReadings = Mapping[str, Mapping[str, Array]]
+"""Poses by other readings of their files, by the words for these and the names of profiles."""
 POSE_ORDER_SHIFTS_TRIED: Final = 5
 """Ways to give profiles one another's poses."""
 
 
-def check_pose_convention(problem: CalibrationProblem, solution: SensorSolution) -> None:
+def check_pose_convention(
+    problem: CalibrationProblem, solution: SensorSolution, readings: PoseReadings
+) -> None:
     """Refuse poses that fit far better when read by another convention.
 
     Parameters
@@ -432,6 +437,9 @@ def check_pose_convention(problem: CalibrationProblem, solution: SensorSolution)
         The profiles.
     solution : SensorSolution
         With the poses as they were read.
+    readings : mapping of str to mapping of str to ndarray, shape (4, 4)
+        What the numbers of their files mean by other conventions, by the words for these and by
+        the profiles' names.
 
     Raises
     ------
@@ -440,14 +448,29 @@ def check_pose_convention(problem: CalibrationProblem, solution: SensorSolution)
     """
     if solution.whole.is_plausible:
         return
+    stated = problem.invert_if_fixed(problem.T_b_f)
+    others: dict[str, Array] = {}
+    for name, T in chain(
+        (
+            (
+                f"read {words}",
+                np.array([T_b_f.get(*one) for one in zip(problem.names, stated, strict=True)]),
+            )
+            for words, T_b_f in readings.items()
+        ),
+        poses_by_other_conventions(stated).items(),
+    ):
+        if not any(np.allclose(T, known) for known in (stated, *others.values())):
+            others[name] = T
     fits = {
-        name: _fit_with_poses(problem, problem.invert_if_fixed(T))
-        for name, T in poses_by_other_conventions(problem.invert_if_fixed(problem.T_b_f)).items()
+        name: _fit_with_poses(problem, problem.invert_if_fixed(T)) for name, T in others.items()
     }
     name = min(fits, key=lambda one: _likelihood_cost(fits[one]))
-    gain = _cost_of_stated_poses(solution) - _likelihood_cost(fits[name])
+    nearest = problem.with_poses(problem.invert_if_fixed(others[name]))
+    best = nearest.fit(nearest.starts)[1]
+    gain = _cost_of_stated_poses(solution) - _likelihood_cost(best)
     # If neither fits, the cause is another one.
-    if gain > _likelihood_limit(len(fits)) and fits[name].variance_scale < MAX_VARIANCE_SCALE:
+    if gain > _likelihood_limit(len(fits)) and best.variance_scale < MAX_VARIANCE_SCALE:
         raise CalibrationRefused(
             "poses that were read in another way than they were meant",
             f"the profiles fit e^{gain / 2:.0f} times better to the same poses {name}; check which "
@@ -553,7 +576,9 @@ def poses_by_other_conventions(T_b_f: Array) -> dict[str, Array]:
     turned = {
         "with the angles in the opposite order": Rotation.from_euler("ZYX", zyx[:, ::-1]),
         "with angles about fixed in place of moving axes": Rotation.from_euler("zyx", zyx),
-        "with angles about moving x, y, z axes": Rotation.from_euler("XYZ", zyx),
+        "with angles about moving x, y, z axes (write them as quaternions)": Rotation.from_euler(
+            "XYZ", zyx
+        ),
         "with a rotation vector in place of angles about z, y, x": Rotation.from_rotvec(
             zyx[:, ::-1]
         ),

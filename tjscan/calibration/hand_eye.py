@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import stdtrit
 
 from tjscan.calibration import checks
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
@@ -32,6 +33,7 @@ def calibrate_on_targets(
     T_f_s_guess: Array | None = None,
     sensor_is_fixed: bool = False,
     check_conventions: bool = False,
+    readings: checks.PoseReadings = MappingProxyType({}),
 ) -> HandEyeCalibration:
     """Calibrate one sensor from profiles of one or several targets, all solved together.
 
@@ -48,6 +50,8 @@ def calibrate_on_targets(
     check_conventions : bool
         Refuse poses that fit far better when read by another convention, and profiles that fit
         no better than with each other's poses: for poses that were converted by hand.
+    readings : mapping, optional
+        What the files of these poses mean by other conventions, see `check_pose_convention`.
 
     Raises
     ------
@@ -67,21 +71,33 @@ def calibrate_on_targets(
     T_b_f = problem.T_b_f
     R_guess = None if T_f_s_guess is None else T_f_s_guess[:3, :3]
     touched = next((one.target for one in targets if isinstance(one, SeenBoard)), None)
-    checks.check_poses_fix_hand_eye(T_b_f, None if touched is None else touched.plane.u, R_guess)
     starts = problem.starts + ([] if T_f_s_guess is None else [T_f_s_guess])
+    try:
+        u_b = None if touched is None else touched.plane.u
+        checks.check_poses_fix_hand_eye(T_b_f, u_b, R_guess)
+    except CalibrationRefused:
+        if check_conventions:  # numbers of another unit are poses that hardly differ
+            model, rough = problem.fit(starts, 1)
+            as_read = SensorSolution(rough, rough, rough, model)
+            checks.check_pose_convention(problem, as_read, readings)
+        raise
     measured_radius = None
     if any(isinstance(one, SeenBall) for one in targets):
         unstated = [
             replace(one, sphere=SphereTarget()) if isinstance(one, SeenBall) else one
             for one in problem.targets
         ]
-        free = replace(problem, targets=unstated).solve(starts)
+        problem_unstated = replace(problem, targets=unstated)
+        free = problem_unstated.solve(starts)
+        if check_conventions:
+            checks.check_pose_convention(problem_unstated, free, readings)
         measured_radius = _check_radius(targets, free)
         starts = [free.estimate.T_f_s]
     solution = problem.solve(starts)
     estimate = solution.estimate
     if check_conventions:
-        checks.check_pose_convention(problem, solution)
+        if measured_radius is None:
+            checks.check_pose_convention(problem, solution, readings)
         checks.check_pose_pairing(problem, solution)
     notes = checks.swapped_pose_notes(problem, solution)
     condition, advice = _condition_and_advice(T_b_f, solution, R_guess)
@@ -120,7 +136,9 @@ def _check_radius(targets: Targets, solution: SensorSolution) -> MeasuredRadius:
     variance = estimate.variance_scale * estimate.covariance[6:, 6:][at, at][3, 3]
     variance += (SENSOR_LINEARITY * radius) ** 2
     sigma = float(np.sqrt(variance))
-    limit = float(-ndtri(FALSE_ALARM_PROBABILITY / 2)) * sigma
+    # A spread that was itself estimated from few residuals is no sure one: Student's t.
+    widened = estimate.dof if estimate.variance_scale > 1 else np.inf
+    limit = float(-stdtrit(widened, FALSE_ALARM_PROBABILITY / 2)) * sigma
     if stated is not None and abs(radius - stated) > limit:
         raise CalibrationRefused(
             "a ball of another radius than stated",

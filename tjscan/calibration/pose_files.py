@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -179,6 +180,8 @@ def _pose_of_position(
 
 RADIANS_PER_UNIT: Final = {"rad": 1.0, "deg": math.pi / 180}
 """Radians in each unit of angle."""
+PLAUSIBLE_REACH: Final = (0.03, 6.0)
+"""Metres that a flange is from its base, from and to: less or more is another unit."""
 MAX_POSE_LIST_BYTES: Final = 10_000_000
 """A larger file is no list of poses."""
 ARM_PROGRAM_READERS: Final = {
@@ -206,12 +209,15 @@ class FlangePoseList:
         How orientations were read, for messages.
     q : dict of str to ndarray, shape (joints,)
         Joint angles by the same keys, radians; empty if the file has none.
+    others : dict of str to dict of str to ndarray, shape (4, 4)
+        Poses that the same numbers mean by other conventions and units, by what to write for these.
     """
 
     T_b_f: dict[str, Array]
     with_key: bool
     convention: str
     q: dict[str, Array] = field(default_factory=dict)
+    others: dict[str, dict[str, Array]] = field(default_factory=dict)
 
 
 def read_flange_poses(file: Path) -> FlangePoseList:
@@ -253,6 +259,34 @@ def read_flange_poses(file: Path) -> FlangePoseList:
                     found.q[key] = _values_of_row(table, row, joints)
             except ValueError as error:
                 raise ValueError(f"pose {number}: {error}") from None
+        at = [k for k, _ in (*position, *orientation)]
+        plain = [_values_of_row(table, row, [(k, 1.0) for k in at]) for _, row in table.rows]
+        found.others.update(_other_readings(dict(zip(found.T_b_f, plain, strict=True))))
+    return found
+
+
+def _other_readings(numbers: Mapping[str, Array]) -> dict[str, dict[str, Array]]:
+    """Poses that numbers of a file mean, by what to write: of each position and orientation."""
+    away = float(np.median([np.linalg.norm(one[:3]) for one in numbers.values()]))
+    found: dict[str, dict[str, Array]] = {}
+    for unit, metres in METRES_PER_UNIT.items():
+        nearest, farthest = PLAUSIBLE_REACH
+        for convention in ORIENTATION_CONVENTIONS:
+            count = len(convention.columns)
+            if not nearest < metres * away < farthest or any(
+                len(one) != 3 + count for one in numbers.values()
+            ):
+                continue
+            for angle, radians in (RADIANS_PER_UNIT if count == 3 else {"": 1.0}).items():
+                columns = (
+                    *(f"{axis}_{unit}" for axis in "xyz"),
+                    *(f"{axis}_{angle}".rstrip("_") for axis in convention.columns),
+                )
+                with suppress(ValueError):  # no quaternion
+                    found[f"as {convention.meaning}: name the columns {', '.join(columns)}"] = {
+                        key: pose(convention.matrix(radians * one[3:]), metres * one[:3])
+                        for key, one in numbers.items()
+                    }
     return found
 
 

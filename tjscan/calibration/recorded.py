@@ -116,13 +116,17 @@ def calibrate_recorded_sets(
     kinds = [table.kind for table in tables]
     sets: list[tuple[str, list[PosedProfile], Any]] = []
     read_as: list[str] = []
+    readings: dict[str, dict[str, Array]] = {}
     for k, table in enumerate(tables):
-        shots, convention = _read_profile_set(table, folder, report, leave_out)
+        shots, convention, others = _read_profile_set(table, folder, report, leave_out)
         read_as.append(f"{Path(table.poses).name}: {convention}")
         if len(tables) > 1:
             several = kinds.count(kinds[k]) > 1
             prefix = f"{kinds[k]} {kinds[: k + 1].count(kinds[k])}," if several else kinds[k]
             shots = [replace(shot, name=f"{prefix} {shot.name}") for shot in shots]
+        for words, poses in others.items():
+            names = (shot.name for shot in shots)
+            readings[f"{words} in {table.poses}"] = dict(zip(names, poses, strict=True))
         flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
         touched = table.touched and pose_files.read_points_in_base_frame(folder / table.touched)
         stated = TargetStatement(flange_b, table.radius, touched, table.plane)
@@ -132,7 +136,11 @@ def calibrate_recorded_sets(
         _check_joint_angles(shots, kinematics)
     targets = [see_target(*one, noise, leave_out) for one in sets]
     result = calibrate_on_targets(
-        targets, noise, sensor_is_fixed=sensor_is_fixed, check_conventions=True
+        targets,
+        noise,
+        sensor_is_fixed=sensor_is_fixed,
+        check_conventions=True,
+        readings=readings,
     )
     if kinematics is not None:
         result = _calibrate_arm(targets, kinematics, result.T_f_s, report)
@@ -148,8 +156,8 @@ def calibrate_recorded_sets(
 
 def _read_profile_set(
     table: RecordedSettings, folder: Path, report: Report, leave_out: Report
-) -> tuple[list[PosedProfile], str]:
-    """Profiles with their poses, and how the poses were read."""
+) -> tuple[list[PosedProfile], str, dict[str, list[Array]]]:
+    """Profiles with their poses, how the poses were read, and how they might have been meant."""
     # Heights count as they are: the origin of the sensor is calibrated.
     form = ProfileFormat(table.units, table.pitch, table.invalid, z_offset=0.0)
     profiles, poses = folder / table.profiles, folder / table.poses
@@ -158,7 +166,12 @@ def _read_profile_set(
         leave_out(f"{profiles}: {bad}; left out")
     found = pose_files.read_flange_poses(poses)
     report(f"{poses}: {len(found.T_b_f)} poses, read as {found.convention}")
-    return pose_files.pair_profiles_with_poses(read.profiles, found, poses), found.convention
+    shots, *others = (
+        pose_files.pair_profiles_with_poses(read.profiles, replace(found, T_b_f=T), poses)
+        for T in (found.T_b_f, *found.others.values())
+    )
+    other_poses = [[shot.T_b_f for shot in other] for other in others]
+    return shots, found.convention, dict(zip(found.others, other_poses, strict=True))
 
 
 def see_target(
