@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ from command import tjscan
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.file import read_calibration
-from tjscan.core.frames import Array, inverse_pose
+from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.laser.profile import Profile
 
 OPENLMD = Path(__file__).resolve().parents[3] / "shared" / "data" / "openlmd-lines"
@@ -366,6 +367,34 @@ def test_a_mistaken_convention_is_named_with_what_to_write(
     assert code == 1
     assert "read in another way than they were meant" in told
     assert f"name the columns x_{unit}, y_{unit}, z_{unit}, {meant} in" in told
+
+
+@pytest.mark.parametrize("moved_mm", [0.0, 3.0])
+def test_an_old_calibration_is_checked_on_a_few_new_profiles(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], moved_mm: float
+) -> None:
+    job = write_job(tmp_path, record(tmp_path, circle(30)) | KNOWN)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
+    rng, poses = np.random.default_rng(31), varied(np.random.default_rng(32), 8)
+    moved = T_F_S @ pose(None, 1e-3 * moved_mm * np.array((0.3, 0.0, 0.954)))
+    hand = replace(HAND, T_f_s=moved)
+    write_lines(tmp_path, [hand.profile(T, rng) for T in poses])
+    write_poses(tmp_path, poses)
+    code = tjscan("calibrate", job, "--check", tmp_path / "run" / "calibration.toml")
+    told = " ".join(capsys.readouterr().err.split())
+    assert code == (1 if moved_mm else 0)
+    assert ("it does not hold" if moved_mm else "it holds") in told
+    assert "the limit is" in told
+
+
+def test_profiles_that_show_no_change_check_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_job(tmp_path, record(tmp_path, circle(30)) | KNOWN)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
+    record(tmp_path, np.stack([looking(0, a) for a in (0, 0, 1, 1, 2)]))
+    assert tjscan("calibrate", job, "--check", tmp_path / "run" / "calibration.toml") == 1
+    assert "too uncertain" in capsys.readouterr().err
 
 
 def test_a_quaternion_that_is_none_is_refused(

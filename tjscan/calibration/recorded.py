@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from tjscan.calibration import pose_files
 from tjscan.calibration.arm.calibrate import (
@@ -16,11 +17,18 @@ from tjscan.calibration.arm.calibrate import (
     as_hand_eye_calibration,
     calibrate_arm,
 )
+from tjscan.calibration.checks import check_result_certainty
 from tjscan.calibration.file import BasisEntry, views_of_poses
 from tjscan.calibration.hand_eye import calibrate_on_targets
-from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.noise import NoiseModel, geometry_error_correlation
 from tjscan.calibration.recorded_settings import RecordedSettings
-from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
+from tjscan.calibration.solve.refine import (
+    FALSE_ALARM_PROBABILITY,
+    CombinedModel,
+    refine_by_least_squares,
+)
+from tjscan.calibration.solve.solution import CalibrationProblem
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import fit_line
 from tjscan.calibration.targets.plane import SeenBoard, plane_of_statement
@@ -33,6 +41,7 @@ from tjscan.calibration.targets.target import (
 )
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.core.pose_vector import boxminus
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
 from tjscan.laser.profile import Profile
@@ -107,6 +116,43 @@ def calibrate_recorded_sets(
     CalibrationRefused
         If the result could not be trusted.
     """
+    recorded = _see_recorded_sets(tables, noise, folder, report)
+    if kinematics is not None:  # checked before anything is solved
+        _check_joint_angles(recorded.shots, kinematics)
+    targets = recorded.targets
+    result = calibrate_on_targets(
+        targets,
+        noise,
+        sensor_is_fixed=sensor_is_fixed,
+        check_conventions=True,
+        readings=recorded.readings,
+    )
+    if kinematics is not None:
+        result = _calibrate_arm(targets, kinematics, result.T_f_s, report)
+    seen = {shot.name: shot.T_b_f for shot in recorded.shots}
+    return result, BasisEntry(
+        target="; ".join(map(str, tables)),
+        poses_read_as=tuple(recorded.read_as),
+        left_out=tuple(recorded.left_out),
+        caveats=result.caveats,
+        views=views_of_poses(seen, result.T_f_s, sensor_is_fixed=sensor_is_fixed),
+    )
+
+
+class _RecordedSets(NamedTuple):
+    """What recorded sets hold, and what was said of them."""
+
+    targets: list[SeenTarget[Any]]
+    shots: list[PosedProfile]
+    read_as: list[str]
+    readings: dict[str, dict[str, Array]]
+    left_out: list[str]
+
+
+def _see_recorded_sets(
+    tables: Sequence[RecordedSettings], noise: NoiseModel, folder: Path, report: Report
+) -> _RecordedSets:
+    """Read the files of recorded sets, and fit their targets' curves."""
     left_out: list[str] = []
 
     def leave_out(message: str) -> None:
@@ -132,26 +178,65 @@ def calibrate_recorded_sets(
         stated = TargetStatement(flange_b, table.radius, touched, table.plane)
         sets.append((table.target, shots, TARGET_KINDS[table.target].target(stated, noise)))
     shots = [shot for _, profiles, _ in sets for shot in profiles]
-    if kinematics is not None:  # checked before anything is solved
-        _check_joint_angles(shots, kinematics)
     targets = [see_target(*one, noise, leave_out) for one in sets]
-    result = calibrate_on_targets(
-        targets,
-        noise,
-        sensor_is_fixed=sensor_is_fixed,
-        check_conventions=True,
-        readings=readings,
-    )
-    if kinematics is not None:
-        result = _calibrate_arm(targets, kinematics, result.T_f_s, report)
-    seen = {shot.name: shot.T_b_f for shot in shots}
-    return result, BasisEntry(
-        target="; ".join(map(str, tables)),
-        poses_read_as=tuple(read_as),
-        left_out=tuple(left_out),
-        caveats=result.caveats,
-        views=views_of_poses(seen, result.T_f_s, sensor_is_fixed=sensor_is_fixed),
-    )
+    return _RecordedSets(targets, shots, read_as, readings, left_out)
+
+
+class CalibrationCheck(NamedTuple):
+    """How a calibration agrees with profiles that had no part in it.
+
+    Parameters
+    ----------
+    moved : ndarray, shape (6,)
+        From the sensor's pose as calibrated to that by the profiles: translation (metres) and
+        rotation (radians) in the axes of f.
+    sigma : HandEyeUncertainty
+        Of `moved`, by the errors of both.
+    misfit, limit : float
+        `moved` in standard deviations (RMS of six), and the largest that chance explains.
+    """
+
+    moved: Array
+    sigma: HandEyeUncertainty
+    misfit: float
+    limit: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the profiles are as the calibration predicts, within chance."""
+        return self.misfit <= self.limit
+
+
+def check_on_recorded_sets(
+    T_f_s: Array,
+    covariance: Array,
+    tables: Sequence[RecordedSettings],
+    noise: NoiseModel,
+    folder: Path,
+    report: Report,
+) -> CalibrationCheck:
+    """Check a sensor's pose, with its covariance, shape (6, 6), on profiles of known targets.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is missing or wrong.
+    CalibrationRefused
+        If there are too few profiles, or they would hardly show a change of the sensor's pose.
+    """
+    seen = [one for one in _see_recorded_sets(tables, noise, folder, report).targets if one.names]
+    T_b_f = CalibrationProblem(seen, noise).T_b_f
+    models, starts = zip(*(one.model_at_sensor_pose(T_f_s) for one in seen), strict=True)
+    model = CombinedModel(models, geometry_error_correlation(T_b_f), noise.geometry)
+    every = np.ones(len(T_b_f), dtype=bool)
+    found = refine_by_least_squares(model, T_f_s, np.concatenate(starts), every)
+    alone = found.variance_scale * found.covariance[:6, :6]
+    check_result_certainty(alone, "take more profiles, tilted further, to check a calibration")
+    moved = boxminus(found.T_f_s, T_f_s)
+    both = alone + covariance
+    misfit = float(np.sqrt(moved @ np.linalg.solve(both, moved) / 6))
+    limit = float(np.sqrt(chdtri(6, FALSE_ALARM_PROBABILITY) / 6))
+    return CalibrationCheck(moved, HandEyeUncertainty(both), misfit, limit)
 
 
 def _read_profile_set(

@@ -18,6 +18,7 @@ def calibrate(
     station: str | None = None,
     out: Path | None = None,
     resume: Path | None = None,
+    check: Path | None = None,
     json: bool = False,
     mode: CalibrationMode | None = None,
     page: LiveOptions | None = None,
@@ -37,6 +38,9 @@ def calibrate(
         The directory to make; ``runs/JOB-DATE`` if left out.
     resume
         Go on with a calibration that was interrupted, in the directory it made.
+    check
+        Check this calibration.toml on the recorded profiles of the job, a few new ones; make none.
+        Ends with 1 if it does not hold.
     json
         Print the calibration as JSON on stdout.
     """
@@ -72,6 +76,15 @@ def calibrate(
             parsed = files.read_calibration_job(file, keys).job_at_station(station)
         if mode.dry_run and (mode.arm or out is not None):
             raise ConfigurationError("--dry-run plans the lines of a job: no --out, no --arm")
+    if check is not None:
+        if not isinstance(parsed, files.RecordedJob) or out is not None or json:
+            raise ConfigurationError(
+                "--check takes a job with [[recorded]], and no --out or --json"
+            )
+        from tjscan.cli.output.calibration import print_calibration_check
+
+        print_calibration_check(check, parsed, file.parent)
+        return
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.output.calibration import calibrate_and_print, print_job_check
 

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tjscan.calibration.file import ResidualEntry, SavedCalibration
+from tjscan.calibration.file import ResidualEntry, SavedCalibration, read_calibration
+from tjscan.calibration.recorded import check_on_recorded_sets
+from tjscan.calibration.recorded_settings import SolveSettings
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.shared import CalibrationMode, LiveOptions
@@ -120,6 +122,31 @@ def print_job_check(job: CalibrationJob, file: Path) -> None:
         f"would leave the sensor's pose uncertain to {1e3 * found.position:.2f} mm and "
         f"{np.degrees(found.rotation):.3f}°"
     )
+
+
+def print_calibration_check(calibration: Path, job: RecordedJob, folder: Path) -> None:
+    """Check a calibration on recorded profiles, print how they agree, and exit with 1 if not."""
+    old = read_calibration(calibration)
+    if old.kinematics is not None or old.T_b_s_mm is not None or job.solve != SolveSettings():
+        raise ConfigurationError(
+            "a sensor that is fixed in the room, or was calibrated with its arm, can't be checked "
+            "so: calibrate again and compare",
+            file=calibration,
+        )
+    found = check_on_recorded_sets(
+        old.T_f_s, old.covariance_si, job.recorded, job.noise, folder, print_message
+    )
+    shift, turn = (float(np.linalg.norm(half)) for half in np.split(found.moved, 2))
+    position, rotation = 1e3 * found.sigma.position, np.degrees(found.sigma.rotation)
+    print_message(
+        f"{calibration}: by the new profiles the sensor is {1e3 * shift:.2f} mm and "
+        f"{np.degrees(turn):.3f}° from there, standard uncertainty {position:.2f} mm and "
+        f"{rotation:.3f}°: {found.misfit:.2f} standard deviations (RMS of six), the limit is "
+        f"{found.limit:.2f}"
+    )
+    print_message("it holds" if found.holds else "it does not hold: calibrate again")
+    if not found.holds:
+        raise SystemExit(1)
 
 
 def calibrate_and_print(
