@@ -40,7 +40,6 @@ from _weld_programs import find_reaches, follow_program
 from tjscan.cli import main as tjscan
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.core.provenance import Provenance
 from tjscan.joint.file import read_joint
 from tjscan.planning.document import beads_to_csv
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
@@ -175,7 +174,7 @@ def samples_outside() -> tuple[int, int]:
             changed = text.replace(before, after, 1) if before else text
             file.write_text(changed, encoding="utf-8")
             plan = plan_weld(drawn_edges(JOINT, whole_way(), SIGMA, 0), read_wps(file), DOWN)
-        table = beads_to_csv(plan, Provenance.for_file_written_now("bench", "j", "mm"))
+        table = beads_to_csv(plan)
         found.append(count_outside(samples_of_table(changed, table), plan.findings))
     return sum(one[0] for one in found), sum(one[1] for one in found)
 

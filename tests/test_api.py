@@ -92,7 +92,7 @@ def check_that_they_show_themselves(
     """Tables hold what the arrays and files do, and a notebook is given HTML and pictures."""
     assert isinstance(comparison, Comparison)
     table = scan.to_pandas()
-    written = pd.read_csv(scan.directory / "sections.csv", comment="#")
+    written = pd.read_csv(scan.directory / "sections.csv")
     numbers = [name for name in written.columns if table[name].dtype == float]
     assert len(numbers) > 50
     np.testing.assert_allclose(table[numbers], written[numbers], rtol=1e-5, atol=1e-4)

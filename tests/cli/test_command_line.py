@@ -26,6 +26,7 @@ RUN_FILES = {
     "joint.toml",
     "scan.mcap",
     "sections.csv",
+    "sections.csv-metadata.json",
     "groove.ply",
     "scan.png",
     "summary.json",

@@ -25,7 +25,7 @@ from tjscan.core.frames import (
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
-from tjscan.runs.scan.results import all_profile_points
+from tjscan.runs.scan.results import cloud_of_sections
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 PAPER, LEANING = CAD / "tjoint-600x457.toml", CAD / "yjoint-600x457-60deg.toml"
@@ -116,7 +116,7 @@ def test_tubes_are_found_in_a_foreign_cloud_too() -> None:
 
 
 def test_a_scan_in_the_arms_frame_finds_its_joint() -> None:
-    points_b = all_profile_points(scan_example({}).sections, JointOrBaseFrame())
+    points_b = cloud_of_sections(scan_example({}).sections, JointOrBaseFrame()).points
     found = compare_shapes(
         Shape("run", UnitAndFrame("mm", "the run", "b"), points_b), read_shape_file(PAPER), "joint"
     )

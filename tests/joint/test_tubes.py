@@ -35,7 +35,7 @@ from tjscan.joint.tubes.fit import (
     joint_frame_from_tubes,
     joint_pose_from_cylinders,
 )
-from tjscan.runs.scan.results import all_profile_points
+from tjscan.runs.scan.results import cloud_of_sections
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 JOINTS = [read_joint(file) for file in sorted(CAD.glob("?joint-*.toml"))]
@@ -226,7 +226,7 @@ def test_leg_and_brace_are_found_in_a_cloud(joint: JointDefinition) -> None:
 
 
 def test_leg_and_brace_are_found_in_the_separate_lines_of_a_scan() -> None:
-    points = all_profile_points(scan_example({}).sections, JointOrBaseFrame(None))
+    points = cloud_of_sections(scan_example({}).sections, JointOrBaseFrame(None)).points
     tubes = find_tubes_in_cloud(points)
     T_b_j, shape = joint_pose_from_cylinders(tubes.brace, tubes.leg, np.array((1.0, 0.0, 0.0)))
     assert (

@@ -101,7 +101,7 @@ def test_files_keep_the_parts_of_a_bead_apart_however_near_they_are(tmp_path: Pa
     assert second.s[0] - first.s[-1] == pytest.approx(LONGEST_STATION_STEP)
     provenance = Provenance.for_file_written_now("job", "j", "mm")
     file = tmp_path / "beads.csv"
-    file.write_text(beads_to_csv(plan, provenance), encoding="utf-8")
+    file.write_text(beads_to_csv(plan), encoding="utf-8")
     read = read_beads_csv(file)
     assert [(c.number, len(c.s)) for c in read] == [(b.number, len(b.s)) for b in plan.beads]
     weldx = pytest.importorskip("weldx", reason="the extra tjscan[weldx] is not installed")

@@ -255,10 +255,11 @@ def test_a_picture_says_where_it_comes_from(run: Path) -> None:
 
 def test_every_file_of_a_run_says_where_it_comes_from(run: Path) -> None:
     job = job_label_of_run(run)
-    table = (run / "sections.csv").read_text(encoding="utf-8")
+    beside = json.loads((run / "sections.csv-metadata.json").read_text(encoding="utf-8"))
+    assert beside["notes"][0]["job"] == job
     copied = (run / "job.toml").read_text(encoding="utf-8")
     cloud = (run / "groove.ply").read_bytes().split(b"end_header")[0].decode()
-    for text, mark, frame in ((table, "#", "j"), (copied, "#", "b"), (cloud, "comment", "j")):
+    for text, mark, frame in ((copied, "#", "b"), (cloud, "comment", "j")):
         found = Provenance.from_comment_lines(text, mark)
         assert found is not None
         assert (found.job, found.frame, found.length) == (job, frame, "mm")

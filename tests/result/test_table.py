@@ -1,6 +1,7 @@
 """``sections.csv`` gives back what was written, and says where it is wrong."""
 
 import csv
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,6 @@ from hypothesis import strategies as st
 from measured import ORIGIN, a_section
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import MEASURE_FIELDS
 from tjscan.result.table import SECTIONS_CSV_COLUMNS, read_sections_csv, write_sections_csv
@@ -20,9 +20,6 @@ PRINTED_MM = 0.51e-4
 """Half of the last of four decimals."""
 
 PRINTED_AXIS = 0.51e-7
-ABOVE = 5
-"""Lines above the table."""
-
 SIX_DIGITS = 1e-5
 """Relative: half of the last of six digits, twice in a covariance."""
 
@@ -79,7 +76,7 @@ def test_what_was_read_is_written_the_same(
 def test_columns_may_be_moved_and_added(tmp_path: Path) -> None:
     file = written(tmp_path / "sections.csv", [a_section(1), a_section(2)])
     with file.open(encoding="utf-8", newline="") as stream:
-        rows = [["note", *reversed(row)] for row in list(csv.reader(stream))[ABOVE:]]
+        rows = [["note", *reversed(row)] for row in csv.reader(stream)]
     moved = tmp_path / "moved.csv"
     with moved.open("w", encoding="utf-8-sig", newline="") as stream:
         csv.writer(stream).writerows(rows)
@@ -87,7 +84,7 @@ def test_columns_may_be_moved_and_added(tmp_path: Path) -> None:
     assert again.read_bytes() == file.read_bytes()
 
 
-def cell(column: str, text: str, line: int = 8) -> Callable[[list[list[str]]], None]:
+def cell(column: str, text: str, line: int = 3) -> Callable[[list[list[str]]], None]:
     def change(rows: list[list[str]]) -> None:
         rows[line - 1][SECTIONS_CSV_COLUMNS.index(column)] = text
 
@@ -96,7 +93,7 @@ def cell(column: str, text: str, line: int = 8) -> Callable[[list[list[str]]], N
 
 def drop(column: str) -> Callable[[list[list[str]]], None]:
     def change(rows: list[list[str]]) -> None:
-        for row in rows[ABOVE:]:
+        for row in rows:
             del row[SECTIONS_CSV_COLUMNS.index(column)]
 
     return change
@@ -105,23 +102,23 @@ def drop(column: str) -> Callable[[list[list[str]]], None]:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (cell("p3x_mm", "wide"), "line 8, column p3x_mm: 'wide' is no number"),
-        (cell("p3x_mm", ""), "line 8, column p3x_mm: is empty"),
-        (cell("depth_mm", "nan"), "line 8, column depth_mm: nan can't be"),
-        (cell("azimuth_deg", "361"), "line 8, column azimuth_deg: 361"),
-        (cell("index", "1.5"), "line 8, column index: 1.5 is no whole number"),
-        (cell("index", "-1"), "line 8, column index: -1"),
-        (cell("station", " "), "line 8, column station: is empty"),
-        (cell("rms_mm", "-0.1"), "line 8, column rms_mm: -0.1"),
-        (cell("xg_x", "0.5"), "line 8, column xg_x: xg, yg and zg"),
-        (cell("xg_x", "2"), "line 8, column xg_x: 2"),
-        (cell("sigma_depth_mm", "-1"), "line 8, column sigma_depth_mm: -1"),
-        (cell("corr_depth_area", "1.5"), "line 8, column corr_depth_area: 1.5"),
-        (cell("cov_p3_yy_mm2", "-1"), "line 8, column cov_p3_yy_mm2: a variance"),
-        (cell("p1x_mm", "p1z_mm", line=6), "line 6, column p1x_mm: is missing"),
-        (lambda rows: rows[5].append("p1x_mm"), "line 6, column p1x_mm: is there twice"),
-        (drop("gx_mm"), "line 6, column gx_mm: is missing"),
-        (lambda rows: rows[7].pop(), f"line 8: {len(SECTIONS_CSV_COLUMNS) - 1} cells are under"),
+        (cell("p3x_mm", "wide"), "line 3, column p3x_mm: 'wide' is no number"),
+        (cell("p3x_mm", ""), "line 3, column p3x_mm: is empty"),
+        (cell("depth_mm", "nan"), "line 3, column depth_mm: nan can't be"),
+        (cell("azimuth_deg", "361"), "line 3, column azimuth_deg: 361"),
+        (cell("index", "1.5"), "line 3, column index: 1.5 is no whole number"),
+        (cell("index", "-1"), "line 3, column index: -1"),
+        (cell("station", " "), "line 3, column station: is empty"),
+        (cell("rms_mm", "-0.1"), "line 3, column rms_mm: -0.1"),
+        (cell("xg_x", "0.5"), "line 3, column xg_x: xg, yg and zg"),
+        (cell("xg_x", "2"), "line 3, column xg_x: 2"),
+        (cell("sigma_depth_mm", "-1"), "line 3, column sigma_depth_mm: -1"),
+        (cell("corr_depth_area", "1.5"), "line 3, column corr_depth_area: 1.5"),
+        (cell("cov_p3_yy_mm2", "-1"), "line 3, column cov_p3_yy_mm2: a variance"),
+        (cell("p1x_mm", "p1z_mm", line=1), "line 1, column p1x_mm: is missing"),
+        (lambda rows: rows[0].append("p1x_mm"), "line 1, column p1x_mm: is there twice"),
+        (drop("gx_mm"), "line 1, column gx_mm: is missing"),
+        (lambda rows: rows[2].pop(), f"line 3: {len(SECTIONS_CSV_COLUMNS) - 1} cells are under"),
         (lambda rows: rows.clear(), "line 1, column index: is missing"),
     ],
 )
@@ -151,15 +148,16 @@ def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes) -> None:
 
 def test_a_table_says_where_it_comes_from(tmp_path: Path) -> None:
     text = written(tmp_path / "sections.csv", [a_section(1)]).read_text(encoding="utf-8")
-    assert Provenance.from_comment_lines(text, "#") == ORIGIN
-    assert all(line.startswith("# ") for line in text.splitlines()[:ABOVE])
-    assert text.splitlines()[ABOVE].startswith("index,station,")
+    assert text.startswith("index,station,")  # any program that reads CSV reads it
+    beside = json.loads((tmp_path / "sections.csv-metadata.json").read_text(encoding="utf-8"))
+    assert beside["url"] == "sections.csv"
+    assert beside["notes"] == [ORIGIN.header_entries]
 
 
 def test_pandas_reads_a_table_as_documented(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     sections = [a_section(1), a_section(2)]
-    table = pandas.read_csv(written(tmp_path / "sections.csv", sections), comment="#")
+    table = pandas.read_csv(written(tmp_path / "sections.csv", sections))
     assert list(table.columns) == list(SECTIONS_CSV_COLUMNS)
     assert list(table["station"]) == [section.station for section in sections]
     np.testing.assert_allclose(
@@ -170,7 +168,7 @@ def test_pandas_reads_a_table_as_documented(tmp_path: Path) -> None:
 def test_a_table_without_lines_above_it_is_read(tmp_path: Path) -> None:
     file = written(tmp_path / "sections.csv", [a_section(1), a_section(2)])
     old = tmp_path / "old.csv"
-    lines = file.read_text(encoding="utf-8").splitlines()[ABOVE:]
+    lines = file.read_text(encoding="utf-8").splitlines()
     old.write_text("\r\n".join([*lines, ""]), encoding="utf-8", newline="")
     again = written(tmp_path / "again.csv", list(read_sections_csv(old)))
     assert again.read_bytes() == file.read_bytes()

@@ -70,6 +70,14 @@ def test_another_library_reads_from_mcap_what_stands_in_json(
         assert plain(message) == json.loads((folder / f"{topic[1:]}.json").read_bytes())
 
 
+def test_another_library_opens_the_folder_as_a_bag(folder: Path) -> None:
+    with Reader(folder) as bag:
+        assert bag.message_count == 3
+        topics = {one.topic: one.msgtype for one in bag.connections}
+        assert topics["/flange"] == "geometry_msgs/msg/PoseArray"
+        assert len(list(bag.messages())) == 3
+
+
 @pytest.mark.parametrize("kind", [ROS_POSE_ARRAY, ROS_JOINT_TRAJECTORY])
 def test_definitions_are_those_of_ros(folder: Path, kind: Any) -> None:
     with Reader(folder / "export.mcap") as reader:

@@ -38,6 +38,7 @@ STATION_FILES = {
     "joint.toml",
     "scan.mcap",
     "sections.csv",
+    "sections.csv-metadata.json",
     "groove.ply",
     "scan.png",
     "summary.json",

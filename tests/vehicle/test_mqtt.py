@@ -364,10 +364,14 @@ def test_a_stop_of_another_client_is_obeyed_and_ends_the_program_by_name(
 
 
 def test_motion_that_was_not_ordered_is_an_alarm_and_stopped(
-    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+    broker: MosquittoProcess,
+    vehicles: VehicleLoopbackProcess,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with driver(broker) as vehicle, sender(broker) as send:
         drive(vehicle, DEAD_MAN_TIME)
+        # Its own repeats would stop the vehicle again before it moves at all.
+        monkeypatch.setattr("tjscan.vehicle.mqtt.vehicle.ORDER_REPEAT_PERIOD", LONGEST)
         vehicles.unread_output()
         drives = {"session": vehicle._session, "order": "drive", "speed": 0.3, "hold": 0.5}
 

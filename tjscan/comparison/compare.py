@@ -64,11 +64,18 @@ class Comparison:
         Corners decide if there are any, for they come from segments without ghosts and
         flyers; else every kind of distance does.
         """
-        if self.tolerance is None:
-            return True
+        return self.tolerance is None or self.p95[0] <= 1e3 * self.tolerance
+
+    @property
+    def p95(self) -> tuple[float, str]:
+        """The one 95th percentile that decides, in mm, and of what it is.
+
+        Points of a profile include ghosts and flyers, which lie where no surface is.
+        """
         corners = [d for d in self.deviations if d.kind.startswith("corners")]
-        limit = 1e3 * self.tolerance
-        return all(d.statistics.p95 <= limit for d in corners or self.deviations)
+        largest = max(corners or self.deviations, key=lambda d: d.statistics.p95)
+        ghosts = "ghosts and flyers do not count" if corners else "ghosts and flyers count in it"
+        return largest.statistics.p95, f"{largest.kind}; {ghosts}"
 
     def to_pandas(self) -> Any:
         """Table of all distances as a DataFrame of pandas: kind, place and distance in mm.
@@ -105,6 +112,7 @@ class Comparison:
         if self.tolerance is not None:
             verdict = "within" if self.passed else "outside"
             yield "tolerance", f"{1e3 * self.tolerance:g} mm: p95 {verdict}"
+        yield "p95", "{:.4f} mm, {}".format(*self.p95)
         yield from (("warning", warning) for warning in self.warnings)
 
 

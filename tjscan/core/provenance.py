@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Final, Literal, Self
 
 from tjscan.core.version import PROGRAM_VERSION
@@ -16,6 +18,12 @@ FRAME_DESCRIPTIONS: Final = {
     "c": "the butt joint: x along it from where its weld begins, y to the right, z into the hull",
 }
 """What the letters of the frames of results mean."""
+
+CSV_CONTEXT: Final = "http://www.w3.org/ns/csvw"
+"""Of the metadata of tables: W3C (2015), Model for Tabular Data and Metadata on the Web."""
+
+METADATA_SUFFIX: Final = "-metadata.json"
+"""What the metadata's file has after the table's name."""
 
 LengthUnit = Literal["mm", "m"]
 
@@ -71,6 +79,17 @@ class Provenance:
             f"{mark} {name}: {' '.join(text.split())}\n"
             for name, text in self.header_entries.items()
         )
+
+    def write_table(self, file: Path, text: str) -> None:
+        """Write a table, CSV text, and beside it where it comes from.
+
+        The table alone is in its file, so that any program opens it; the rest is in
+        ``NAME-metadata.json``, as the W3C's model for tabular data has it.
+        """
+        file.write_text(text, encoding="utf-8", newline="")
+        metadata = {"@context": CSV_CONTEXT, "url": file.name, "notes": [self.header_entries]}
+        beside = file.with_name(f"{file.name}{METADATA_SUFFIX}")
+        beside.write_text(json.dumps(metadata, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def from_comment_lines(cls, text: str, mark: str) -> Self | None:

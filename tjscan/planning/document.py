@@ -443,18 +443,9 @@ def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
         ) from None
 
 
-def beads_to_csv(plan: WeldPlan, provenance: Provenance) -> str:
-    """Convert a plan's beads to CSV text; the names of the columns have their units.
-
-    Parameters
-    ----------
-    plan : WeldPlan
-        The plan.
-    provenance : Provenance
-        Written above the table.
-    """
+def beads_to_csv(plan: WeldPlan) -> str:
+    """Convert a plan's beads to CSV text; the names of the columns have their units."""
     stream = io.StringIO()
-    stream.write(provenance.comment_lines("#"))
     writer = csv.writer(stream, lineterminator="\n")
     names = ("bead", "part", "zone", "layer", "place", "kind")
     writer.writerow((*names, *_number_columns(plan.beads[0]), "position", "station"))

@@ -134,6 +134,48 @@ def write_ros_messages(file: BinaryIO, time: int, messages: Mapping[str, RosMess
             writer.write_message(topic, schema, message.fields, log_time=time)
 
 
+def bag_metadata(file: str, time: int, messages: Mapping[str, RosMessage]) -> dict[str, Any]:
+    """What ``metadata.yaml`` of a bag of rosbag2 holds, version 5; JSON is YAML, too.
+
+    Parameters
+    ----------
+    file : str
+        Name of the MCAP file in the bag's folder.
+    time, messages
+        As for `write_ros_messages`.
+    """
+    count = len(messages)
+    span = {
+        "starting_time": {"nanoseconds_since_epoch": time},
+        "duration": {"nanoseconds": 0},
+        "message_count": count,
+    }
+    topics = [
+        {
+            "topic_metadata": {
+                "name": topic,
+                "type": message.type.name,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": "",
+            },
+            "message_count": 1,
+        }
+        for topic, message in messages.items()
+    ]
+    return {
+        "rosbag2_bagfile_information": {
+            "version": 5,
+            "storage_identifier": "mcap",
+            **span,
+            "relative_file_paths": [file],
+            "files": [{"path": file, **span}],
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+        }
+    }
+
+
 def _ros_message_header(time: int, frame: str) -> dict[str, Any]:
     return {"stamp": _seconds_and_nanoseconds(time), "frame_id": frame}
 

@@ -164,7 +164,7 @@ def export_run(
         made = draft / file.name
         match to:
             case "csv":
-                made.write_text(sections_to_csv(sections, provenance), encoding="utf-8", newline="")
+                provenance.write_table(made, sections_to_csv(sections, units))
             case "ply":
                 made.write_bytes(sections_to_ply(sections, provenance))
             case "json":

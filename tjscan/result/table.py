@@ -7,15 +7,16 @@ import io
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.core.manifest import check_files_unaltered
-from tjscan.core.provenance import Provenance
+from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import (
     FIELD_BY_NAME,
@@ -55,7 +56,7 @@ AXES_TOLERANCE: Final = 1e-6
 
 def sections_to_csv(
     sections: Sequence[MeasuredSection],
-    provenance: Provenance,
+    unit: LengthUnit,
     fields: Iterable[SectionQuantity] = SECTION_FIELDS,
 ) -> str:
     """Convert sections to CSV text, a row per section; units are in the names of the columns.
@@ -64,14 +65,13 @@ def sections_to_csv(
     ----------
     sections : sequence of MeasuredSection
         In their order along the groove.
-    provenance : Provenance
-        Is above the table; its unit of length is the table's.
+    unit : str
+        Of lengths: mm or m.
     fields : iterable of SectionQuantity
         What to write of each section.
     """
-    fields, unit = tuple(fields), provenance.length
+    fields = tuple(fields)
     stream = io.StringIO()
-    stream.write(provenance.comment_lines(COMMENT_MARK))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([column for field in fields for column in field.column_names(unit)])
     parts = [field.formatted_columns(sections, unit) for field in fields]
@@ -83,9 +83,8 @@ def write_sections_csv(
     file: Path, sections: Sequence[MeasuredSection], provenance: Provenance
 ) -> None:
     """Write ``sections.csv``."""
-    file.write_text(
-        sections_to_csv(sections, provenance, SECTIONS_CSV_FIELDS), encoding="utf-8", newline=""
-    )
+    text = sections_to_csv(sections, provenance.length, SECTIONS_CSV_FIELDS)
+    provenance.write_table(file, text)
 
 
 def write_smoothed_csv(
@@ -102,23 +101,23 @@ def write_smoothed_csv(
     corners : ndarray, shape (n, 3, 3)
         p2, p3 and p4, metres; not a number where a corner is not seen.
     provenance : Provenance
-        Is above the table.
+        Is beside the table.
     """
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(provenance.comment_lines(COMMENT_MARK))
-        writer = csv.writer(stream, lineterminator="\n")
-        axes = [f"{corner}_{axis}_mm" for corner in ("p2", "p3", "p4") for axis in "xyz"]
-        writer.writerow(["section", *axes])
-        for section, row in zip(sections, 1e3 * corners.reshape(-1, 9), strict=True):
-            cells = ("" if np.isnan(value) else f"{value:.4f}" for value in row)
-            writer.writerow([section.index, *cells])
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    axes = [f"{corner}_{axis}_mm" for corner in ("p2", "p3", "p4") for axis in "xyz"]
+    writer.writerow(["section", *axes])
+    for section, row in zip(sections, 1e3 * corners.reshape(-1, 9), strict=True):
+        cells = ("" if np.isnan(value) else f"{value:.4f}" for value in row)
+        writer.writerow([section.index, *cells])
+    provenance.write_table(file, stream.getvalue())
 
 
 def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
     """Read ``sections.csv``: what was written, to the digits that were printed.
 
     Columns may be in another order, and others beside them. Lines that begin with ``#`` above
-    the table are passed over; a file of version 0.1.0 has none.
+    the table are passed over.
 
     Raises
     ------
@@ -239,11 +238,50 @@ PLY_SECTION_FIELDS: Final = (
 )
 
 
-def write_cloud_ply(file: Path, points: Array, provenance: Provenance) -> None:
-    """Write ``groove.ply``: points, shape (n, 3) in metres, as binary PLY in mm."""
-    properties = [("float", axis) for axis in "xyz"]
-    head = _ply_head("binary_little_endian", provenance, len(points), properties)
-    file.write_bytes(head + (1e3 * points).astype("<f4").tobytes())
+SIDE_COLOURS: Final = np.array(
+    ((90, 120, 190), (220, 140, 60), (200, 70, 70), (110, 160, 110)), dtype=np.uint8
+)
+"""Red, green and blue of wall, bevel, root and leg in ``groove.ply``."""
+
+
+@array_dataclass
+class GrooveCloud:
+    """Profile points of a groove, each with what it belongs to.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Metres.
+    normals : ndarray, shape (n, 3)
+        Of the side, towards the sensor.
+    sides : ndarray of int, shape (n,)
+        0 to 3: wall, bevel, root, leg.
+    """
+
+    points: Array
+    normals: Array
+    sides: NDArray[np.intp]
+
+    @classmethod
+    def joined(cls, clouds: Sequence[GrooveCloud]) -> Self:
+        """One cloud of several."""
+        parts = zip(*((one.points, one.normals, one.sides) for one in clouds), strict=True)
+        return cls(*map(np.concatenate, parts))
+
+
+def write_cloud_ply(file: Path, cloud: GrooveCloud, provenance: Provenance) -> None:
+    """Write ``groove.ply``: points in mm, normals, and the colour of the side, as binary PLY."""
+    kinds = (
+        ("float", "f4", ("x", "y", "z", "nx", "ny", "nz")),
+        ("uchar", "u1", ("red", "green", "blue")),
+    )
+    properties = [(kind, name) for kind, _, names in kinds for name in names]
+    rows = np.empty(len(cloud.points), [(n, f"<{code}") for _, code, names in kinds for n in names])
+    columns = np.hstack((1e3 * cloud.points, cloud.normals, SIDE_COLOURS[cloud.sides]))
+    for (_, name), column in zip(properties, columns.T, strict=True):
+        rows[name] = column
+    head = _ply_head("binary_little_endian", provenance, len(rows), properties)
+    file.write_bytes(head + rows.tobytes())
 
 
 def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance) -> bytes:

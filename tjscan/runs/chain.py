@@ -30,7 +30,7 @@ from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
-from tjscan.runs.stations.stitch import stitched_profile_points
+from tjscan.runs.stations.stitch import stitched_cloud
 from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove
 
@@ -192,7 +192,7 @@ def run_chain(chain: ChainFile, directory: Path, *, arm: bool) -> ChainOutcome:
     stitched = StitchedGroove(stations, StitchSettings(repeatability=repeatability))
     mesh = build_joint_mesh(joint)
     surface = MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp))
-    seen = stitched_profile_points(stitched)
+    seen = stitched_cloud(stitched).points
     aligned = align_icp(seen, surface.nearest_points_and_normals)
     found, held_out = saved.calibration, None
     if (kinematics := found.kinematics) is not None:

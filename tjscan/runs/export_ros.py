@@ -13,7 +13,12 @@ from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose
 from tjscan.job.files import read_scan_job
-from tjscan.recording.ros import joint_trajectory_message, pose_array_message, write_ros_messages
+from tjscan.recording.ros import (
+    bag_metadata,
+    joint_trajectory_message,
+    pose_array_message,
+    write_ros_messages,
+)
 from tjscan.result.directory import JOB_FILE, URDF_FILE
 from tjscan.result.export import EXPORT_FILE_STEM
 from tjscan.result.shapes import read_finished_sections
@@ -78,6 +83,8 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
             (draft / f"{topic.strip('/')}.json").write_text(f"{text}\n", encoding="utf-8")
         with (draft / ROS_BAG_FILE).open("wb") as file:
             write_ros_messages(file, time, messages)
+        metadata = bag_metadata(ROS_BAG_FILE, time, messages)
+        (draft / "metadata.yaml").write_text(json.dumps(metadata, indent=1) + "\n", "utf-8")
         (draft / URDF_FILE).write_bytes(arm.urdf.read_bytes())
     return folder
 

@@ -365,13 +365,15 @@ def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
     (draft / JOB_FILE).write_text(head + text, encoding="utf-8")
 
 
-def table_to_csv(
-    directory: Path, columns: Mapping[str, Callable[[T], object]], rows: Iterable[T]
-) -> str:
-    """A table of a run's results as CSV, under the head that states its origin.
+def write_result_table(
+    file: Path, directory: Path, columns: Mapping[str, Callable[[T], object]], rows: Iterable[T]
+) -> None:
+    """Write a table of a run's results as CSV, and beside it where it comes from.
 
     Parameters
     ----------
+    file : Path
+        To write.
     directory : Path
         Of the run.
     columns : mapping
@@ -380,11 +382,10 @@ def table_to_csv(
         Of the table.
     """
     stream, job = io.StringIO(), job_label_of_run(directory)
-    stream.write(Provenance.for_file_written_now(job, "w").comment_lines("#"))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows([cell(row) for cell in columns.values()] for row in rows)
-    return stream.getvalue()
+    Provenance.for_file_written_now(job, "w").write_table(file, stream.getvalue())
 
 
 def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:

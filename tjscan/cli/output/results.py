@@ -151,9 +151,12 @@ def print_comparison(comparison: Comparison, *, json: bool) -> None:
         print(budget_in_words(c.uncertainty))
     for warning in c.warnings:
         print_message(f"warning: {warning}")
+    verdict = ""
     if c.tolerance is not None:
-        verdict = "within" if c.passed else "OUTSIDE"
-        print(f"p95 {verdict} the tolerance of {1e3 * c.tolerance:g} mm")
+        place = "within" if c.passed else "OUTSIDE"
+        verdict = f", {place} the tolerance of {1e3 * c.tolerance:g} mm"
+    p95, of_what = c.p95
+    print(f"p95 {p95:.4f} mm{verdict}: of {of_what}")
 
 
 PROFILE_DRAWING_ROWS: Final = 18

@@ -34,7 +34,7 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import job_label_of_run
-from tjscan.runs.run import read_result_file, table_to_csv
+from tjscan.runs.run import read_result_file, write_result_table
 from tjscan.runs.weld.results import STRETCH_UNITS
 
 PASSES_FILE: Final = "passes.csv"
@@ -178,8 +178,7 @@ def write_crawl_results(directory: Path, job: CrawlJob | None = None) -> None:
     """
     recorded = read_recorded_crawl(directory)
     with write_files_atomically(directory) as draft:
-        table = table_to_csv(directory, PASS_COLUMNS, recorded.passes)
-        (draft / PASSES_FILE).write_text(table, encoding="utf-8", newline="")
+        write_result_table(draft / PASSES_FILE, directory, PASS_COLUMNS, recorded.passes)
         if job is not None:
             log = json.dumps(weld_log(directory, job, recorded), indent=2)
             (draft / WELD_LOG_FILE).write_text(log + "\n", encoding="utf-8")

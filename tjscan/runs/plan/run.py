@@ -303,8 +303,7 @@ def write_plan(
             (draft / file).write_text(text, encoding="utf-8")
         sides = "left to right edge" if provenance.frame == CRAWL_PLAN_FRAME else "bevel to leg"
         write_png(draft / PLAN_PICTURE, draw_plan(plan, f"from {sides}"), provenance)
-        table = beads_to_csv(plan, provenance)
-        (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
+        provenance.write_table(draft / BEADS_FILE, beads_to_csv(plan))
         if weldx_is_installed():
             root = WELDX_ROOT_FRAME_NAMES.get(provenance.frame, provenance.frame)
             write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)

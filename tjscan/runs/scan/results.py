@@ -14,7 +14,12 @@ import numpy as np
 from tjscan.calibration.file import read_calibration
 from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distances
 from tjscan.core.files import write_files_atomically
-from tjscan.core.frames import Array, JointOrBaseFrame, rotation_angle_between, transform_points
+from tjscan.core.frames import (
+    Array,
+    JointOrBaseFrame,
+    rotation_angle_between,
+    transform_points,
+)
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.definition import JointDefinition
@@ -23,7 +28,7 @@ from tjscan.result import directory as run_files
 from tjscan.result.picture import write_png
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics, write_budget, write_summary
-from tjscan.result.table import write_cloud_ply, write_sections_csv, write_smoothed_csv
+from tjscan.result.table import GrooveCloud, write_cloud_ply, write_sections_csv, write_smoothed_csv
 from tjscan.scanning import journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
@@ -33,7 +38,7 @@ from tjscan.uncertainty.budget import BudgetSummary, UncertaintyBudget
 def write_run_results(
     directory: Path,
     sections: Sequence[MeasuredSection],
-    points: Array,
+    cloud: GrooveCloud,
     summary: ScanSummary,
     picture: Any,
     job: str,
@@ -48,8 +53,8 @@ def write_run_results(
         The run directory.
     sections : sequence of MeasuredSection
         In the frame that the summary names, in the order along the groove.
-    points : ndarray, shape (n, 3)
-        The groove's points in the same frame, metres.
+    cloud : GrooveCloud
+        The groove's points in the same frame.
     summary : ScanSummary
         The rest in a few numbers.
     picture : matplotlib Figure
@@ -77,7 +82,7 @@ def write_run_results(
         write_sections_csv(draft / run_files.SECTIONS_FILE, sections, provenance)
         if smoothed is not None:
             write_smoothed_csv(draft / run_files.SMOOTHED_FILE, sections, smoothed, provenance)
-        write_cloud_ply(draft / run_files.CLOUD_FILE, points, provenance)
+        write_cloud_ply(draft / run_files.CLOUD_FILE, cloud, provenance)
         write_png(draft / run_files.SCAN_PICTURE, picture, provenance)
         write_budget(draft / run_files.BUDGET_FILE, budget, provenance)
         write_summary(draft / run_files.SUMMARY_FILE, summary)
@@ -110,12 +115,22 @@ def sections_in_result_frame(
     )
 
 
-def all_profile_points(sections: Sequence[ScannedSection], frame: JointOrBaseFrame) -> Array:
-    """All profile points of the sections, shape (n, 3), metres, in the result's frame."""
-    views = [scan.view for scan in sections]
-    return np.concatenate(
-        [transform_points(frame.T_r_b @ view.T_b_s, view.profile.points_s) for view in views]
-    )
+def cloud_of_sections(sections: Sequence[ScannedSection], frame: JointOrBaseFrame) -> GrooveCloud:
+    """All profile points of the sections, in the result's frame."""
+    return GrooveCloud.joined([_cloud_of_section(scan, frame) for scan in sections])
+
+
+def _cloud_of_section(scan: ScannedSection, frame: JointOrBaseFrame) -> GrooveCloud:
+    """Profile points of a section; a side's normal is across its chord and the groove."""
+    T, points, groove = frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s, scan.groove
+    # The wall is at high x_s; a corner that is not seen parts nothing.
+    sides = (groove.points_s[1:4, 0] > points[:, :1]).sum(axis=1)
+    across = np.cross(np.diff(groove.points_s, axis=0), groove.T_s_g[:3, 0])
+    away = (across * groove.points_s[:4]).sum(axis=1, keepdims=True) > 0
+    lengths = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(away, -across, across) / np.where(lengths > 0, lengths, np.nan)
+    normals = np.where(np.isfinite(across), across, (0.0, 0.0, -1.0)) @ T[:3, :3].T
+    return GrooveCloud(transform_points(T, points), normals[sides], sides)
 
 
 def corner_errors(

@@ -411,7 +411,7 @@ def write_scan_results(context: ScanContext, directory: Path, result: ScanResult
     sections = budget.sections_with_covariances(
         results.sections_in_result_frame(result.sections, frame, station)
     )
-    points = results.all_profile_points(result.sections, frame)
+    cloud = results.cloud_of_sections(result.sections, frame)
     error = results.corner_errors(sections, joint)
     calibration = results.calibration_label(directory)
     uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
@@ -421,7 +421,7 @@ def write_scan_results(context: ScanContext, directory: Path, result: ScanResult
     example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, section=groove)
     picture = draw_groove_overview(
         sections,
-        points,
+        cloud.points,
         frame=frame.letter,
         title=f"{len(sections)} sections, {result.stop}",
         outline=() if joint is None else joint_wireframe(joint),
@@ -433,7 +433,7 @@ def write_scan_results(context: ScanContext, directory: Path, result: ScanResult
     if any(section.view.substep is Substep.FUSED for section in result.sections):
         smoothed = transform_points(frame.T_r_b, smooth_corners(result.sections))
     summary = results.write_run_results(
-        directory, sections, points, summary, picture, label, budget, smoothed
+        directory, sections, cloud, summary, picture, label, budget, smoothed
     )
     context.finished(directory)
     return summary

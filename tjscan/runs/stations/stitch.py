@@ -32,9 +32,10 @@ from tjscan.result import directory as run_files
 from tjscan.result import summary as results
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
+from tjscan.result.table import GrooveCloud
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.runs.run import RUN_INPUT_FILES, WhenFinished, do_nothing
-from tjscan.runs.scan.results import all_profile_points, corner_errors, write_run_results
+from tjscan.runs.scan.results import cloud_of_sections, corner_errors, write_run_results
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.recording import read_recorded_scan
@@ -348,11 +349,11 @@ def _folder_in_result(directory: Path, one: StationRun) -> str:
     return one.directory.resolve().name if _is_station_inside(directory, one) else one.station.name
 
 
-def stitched_profile_points(stitched: StitchedGroove) -> Array:
-    """All profile points of the stations, shape (n, 3), metres, in frame j."""
+def stitched_cloud(stitched: StitchedGroove) -> GrooveCloud:
+    """All profile points of the stations, in frame j."""
     scans = [one.fit.station.sections for one in stitched.stations]
     frames = [JointOrBaseFrame(inverse_pose(one.T_j_b)) for one in stitched.stations]
-    return np.concatenate(list(map(all_profile_points, scans, frames)))
+    return GrooveCloud.joined(list(map(cloud_of_sections, scans, frames)))
 
 
 def _write_stitched_run(
@@ -361,7 +362,7 @@ def _write_stitched_run(
     stitched: StitchedGroove,
     joint: JointDefinition | None,
 ) -> StitchedRun:
-    sections, points = stitched.sections, stitched_profile_points(stitched)
+    sections, cloud = stitched.sections, stitched_cloud(stitched)
     left_out = list(dict.fromkeys(words for one in read for words in one.left_out))
     summary = results.summarise_stations(
         {one.station.name: one.summary for one in sorted(read, key=lambda one: one.station.name)},
@@ -377,7 +378,7 @@ def _write_stitched_run(
     report = replace(build_stitching_report(stitched, sources), provenance=provenance)
     picture = draw_groove_overview(
         sections,
-        points,
+        cloud.points,
         frame="j",
         title=f"{len(sections)} sections from {len(stitched.stations)} stations, "
         f"{report.covered_deg:.0f}° covered",
@@ -391,5 +392,5 @@ def _write_stitched_run(
         results.write_stitching_report(draft / run_files.STATIONS_FILE, report)
         write_png(draft / run_files.STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
     budget = stitched.budget
-    summary = write_run_results(directory, sections, points, summary, picture, job, budget)
+    summary = write_run_results(directory, sections, cloud, summary, picture, job, budget)
     return StitchedRun(summary, report, stitched)

@@ -20,7 +20,7 @@ from tjscan.core.frames import Array
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import job_label_of_run
-from tjscan.runs.run import read_result_file, table_to_csv
+from tjscan.runs.run import read_result_file, write_result_table
 from tjscan.study.trial import RunOutcome
 from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
@@ -104,14 +104,13 @@ def write_tow_results(directory: Path, job: TowJob) -> None:
     outcome = recorded.outcome(job)
     truths = recorded.truths or [None] * len(recorded.cycles)
     rows = zip(recorded.cycles, truths, strict=True)
-    table = table_to_csv(directory, PLAN_COLUMNS, rows)
     content = {
         "job": job_label_of_run(directory),
         "figures": None if outcome is None else outcome.figures,
         "events": [[event.name, event.detail] for event in recorded.events],
     }
     with write_files_atomically(directory) as draft:
-        (draft / PLANS_FILE).write_text(table, encoding="utf-8", newline="")
+        write_result_table(draft / PLANS_FILE, directory, PLAN_COLUMNS, rows)
         (draft / TOW_KEY_FIGURES_FILE).write_text(
             json.dumps(content, indent=2) + "\n", encoding="utf-8"
         )

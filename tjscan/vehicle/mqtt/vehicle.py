@@ -6,6 +6,7 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import asdict
+from math import inf
 from queue import Empty, SimpleQueue
 from typing import Final
 
@@ -23,6 +24,9 @@ ORDER_REPEAT_PERIOD: Final = 0.05
 
 ANNOUNCEMENT_PERIOD: Final = 0.25
 """Seconds after which a program that is not obeyed yet announces itself again."""
+
+STOP_REPEATED_FOR: Final = 1.0
+"""Seconds for which a stop is sent though another program commands the vehicle by now."""
 
 MOST_WAITING_STATES: Final = 300
 """States that wait to be read, 3 s of them; older ones are dropped then. Without one its way is not
@@ -64,7 +68,7 @@ class MqttVehicle(BrokerClient):
         self._pose: wire.PoseMessage | None = None  # at the last state that was read
         self._identity = DeviceIdentity()
         self._fault = self._commander = self._lost = self._alarm = ""
-        self._heard, self._stopped = time.monotonic(), False
+        self._heard, self._stopped, self._stopped_at = time.monotonic(), False, -inf
         super()._reset_before_connecting()
 
     def _leave_at_rest(self) -> None:
@@ -139,7 +143,7 @@ class MqttVehicle(BrokerClient):
 
     def stop(self) -> None:
         """Bring the vehicle to rest, and take no command any more. See `Vehicle.stop`."""
-        self._stopped = True
+        self._stopped, self._stopped_at = True, time.monotonic()
         if self._connected:
             self._wake.put(True)
 
@@ -165,6 +169,9 @@ class MqttVehicle(BrokerClient):
         if order is not None and not self._stopped:
             hold = max(order[1] + self.dead_man - now, 0.0)
         twist = order[0] if order is not None and hold else AT_REST
+        superseded = self._commander not in ("", self._session)
+        if superseded and not hold and now > self._stopped_at + STOP_REPEATED_FOR:
+            return  # it would stop who commands the vehicle now
         self._has_commanded |= self._commander == self._session
         if not self._has_commanded:
             return  # another program's vehicle would obey a stop
