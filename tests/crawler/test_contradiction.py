@@ -422,6 +422,20 @@ def test_a_picture_that_moved_and_shows_no_joint_is_a_knock() -> None:
             watch.add(going, going, 0.01, groove(4e-3, rng), None)
 
 
+@pytest.mark.parametrize("knock", [0.0, 3e-3, -5e-3])
+def test_a_bead_whose_shape_changes_unread_is_no_knock_and_hides_none(knock: float) -> None:
+    """The valley between two beads goes aside: far behind, the picture looks like a moved one."""
+    watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(1)
+    going, ways = Twist(8e-3, 0.0), np.arange(0.0, 0.03, 80e-6).tolist()
+    for _ in range(200):
+        watch.add(going, going, 0.01, groove(0.0, rng), (20e-6 * rng.standard_normal(), 0.0))
+    for way in ways:
+        watch.add(going, going, 0.01, groove(0.2 * way, rng), None)
+    with pytest.raises(CrawlStopped, match="was knocked") if knock else nullcontext():
+        for way in ways[:10]:
+            watch.add(going, going, 0.01, groove(0.2 * (ways[-1] + way) + knock, rng), None)
+
+
 def test_a_joint_that_a_tack_fills_is_no_knock() -> None:
     watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(1)
     going, flat = Twist(8e-3, 0.0), Profile(np.linspace(-0.04, 0.04, 290), np.full(290, 0.149))

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.crawler.joint_tracking.memory import (
+    LINE_LENGTH,
+    LINE_SIGMA,
     STATION_LENGTH,
     JointMemory,
     RememberingTracker,
@@ -165,8 +167,9 @@ def test_error_of_what_is_remembered_grows_from_way_to_way() -> None:
         reference = memory.reference_at(0.022)
         assert reference is not None
         shared = reference.centre_sigma
-        seen = round(STATION_LENGTH / 0.8e-3)  # every second profile is far enough from the last
-        assert shared == pytest.approx(own * np.sqrt(way / seen), rel=0.1)
+        independent = LINE_LENGTH / STATION_LENGTH  # readings nearer to each other are off alike
+        each = np.hypot(own, LINE_SIGMA)
+        assert shared == pytest.approx(each * np.sqrt(way / independent), rel=0.1)
 
 
 @given(own=st.floats(1e-3, 1.0), shared=st.floats(0.0, 1.0), count=st.integers(1, 200))

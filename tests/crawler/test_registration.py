@@ -238,23 +238,27 @@ def test_joint_with_a_bead_over_one_edge_is_where_the_other_edge_shows(
     assert abs(np.mean(errors)) < np.mean(sigmas)
 
 
-def flush(high_low: float, width: float = 30e-3) -> HullJoint:
-    """A joint whose last bead ends at the left edge, and stands over the plate inside of it."""
-    beads = WeldBead(level=14e-3), WeldBead(level=20e-3, crown=3e-3, right=-0.1)
-    return HullJoint(width=width, high_low=high_low, beads=beads)
+STANDS_OVER = WeldBead(level=20e-3, crown=3e-3, right=-0.1)
+FALLS_GENTLY = WeldBead(level=20e-3, crown=-6e-3, right=1.9)
 
 
+def flush(high_low: float, width: float = 30e-3, bead: WeldBead = STANDS_OVER) -> HullJoint:
+    """A joint whose last bead ends at the left edge."""
+    return HullJoint(width=width, high_low=high_low, beads=(WeldBead(level=14e-3), bead))
+
+
+@pytest.mark.parametrize("bead", [STANDS_OVER, FALLS_GENTLY])
 @pytest.mark.parametrize("high_low", [-1e-3, 0.0, 1e-3])
 def test_bead_flush_with_an_edge_leaves_the_joint_where_the_other_edge_shows(
-    high_low: float,
+    high_low: float, bead: WeldBead
 ) -> None:
     """The joint closes meanwhile, by how much is not known, and either plate may move."""
     rng, errors, sigmas = np.random.default_rng(1), [], []
     for seed in range(60):
-        against = reference(joint=flush(high_low), passes=1, seed=seed)
+        against = reference(joint=flush(high_low, bead=bead), passes=1, seed=seed)
         closed = abs(UNKNOWN_CLOSING * rng.standard_normal())
         pose = SectionLaserPose(offset=rng.uniform(-0.2e-3, 0.2e-3))
-        profile = see(flush(high_low, 30e-3 - closed), rng, DEFAULT, pose, passes=2)
+        profile = see(flush(high_low, 30e-3 - closed, bead), rng, DEFAULT, pose, passes=2)
         if (found := register(profile, against, true_placement())) is not None:
             errors.append(found.centre + pose.offset)
             sigmas.append(found.centre_sigma)

@@ -92,8 +92,9 @@ MOST_FINE_STRUCTURE: Final = 4.0
 SHIFTS_TRIED: Final = np.linspace(-20e-3, 20e-3, 81)
 """Metres by which a picture may have moved in which the joint is not found any more."""
 
-LARGEST_UNSEEN_SHIFT: Final = 1e-3
-"""Metres by which such a picture may have moved at most, before it counts as a knock."""
+LARGEST_UNSEEN_SHIFT, LENGTH_IN_DOUBT = 1e-3, 8e-3
+"""Metres by which such a picture may have moved at most, before it counts as a knock; and metres
+along the joint between two that are compared: farther on a bead has another shape."""
 
 MOST_COUNTED_HEIGHT, LEAST_GAIN_BY_SHIFT = 2e-3, 0.1e-3
 """Metres: heights between pictures count as no more, for light of the arc; and by how much their
@@ -548,6 +549,8 @@ class ContradictionWatch:
         shift = _shift_between(profile, self._seen)
         if abs(shift) > LARGEST_UNSEEN_SHIFT + MOST_SIDEWAYS_SHARE * self._unseen_way:
             raise _knock_error(-shift)
+        if self._unseen_way > LENGTH_IN_DOUBT:
+            self._seen, self._unseen_way = profile, 0.0
 
     def _contradiction(
         self, off: float, speed: float, profile: Profile, *, jumped: bool

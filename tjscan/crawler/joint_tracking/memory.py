@@ -7,8 +7,9 @@ the error of that is in what is remembered, and grows from pass to pass.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from math import floor, sqrt
+from math import floor, hypot, sqrt
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
 from tjscan.crawler.joint_tracking.tracking import REGISTERED_JOINT, ButtJointReading, JointTracker
+from tjscan.crawler.slip_estimator import MOST_SIDEWAYS_SHARE
 from tjscan.laser.profile import Profile
 
 STATION_LENGTH, STATION_STEP = 4e-3, 1e-3
@@ -28,9 +30,13 @@ PROFILE_SPACING: Final = 0.5e-3
 FEWEST_PROFILES: Final = 4
 """Profiles that make a reference: the median of fewer shows the light of the arc."""
 
+LINE_LENGTH, LINE_SIGMA = 20e-3, 0.02e-3
+"""Metres of the way along which the joint goes straight aside in a laser's line, and by how much it
+does not, as a standard deviation: by what neither edges nor the vehicle's way are even."""
 
-LONGEST_BRIDGE: Final = 20e-3
-"""Metres along the joint between two readings, between which it is on the line through both."""
+
+Seen = tuple[float, Profile, JointPlacement | None]
+"""Where along the joint a profile was taken, metres, and where the joint was read in it."""
 
 
 class JointMemory:
@@ -38,8 +44,7 @@ class JointMemory:
 
     def __init__(self) -> None:
         self._references: dict[int, ReferenceProfile] = {}
-        self._seen: list[tuple[float, Profile, JointPlacement]] = []
-        self._unread: list[tuple[float, Profile]] = []
+        self._seen: list[Seen] = []
         self._next = 0
         self._last: float | None = None
 
@@ -62,56 +67,59 @@ class JointMemory:
             Where it is along the joint, metres.
         profile : Profile
         placement : JointPlacement or None
-            Where the joint is in it; None if it was not read: then it is on the straight line
-            between where it was read before and behind, if these are near.
+            Where the joint is in it; None if it was not read.
         noise : float
             Standard deviation of its z, metres.
         """
         if self._last is None or travel > self._last + PROFILE_SPACING:
             self._make_references(self._last or 0.0, noise)
             self._last, self._next = travel, floor(travel / STATION_STEP)
-            self._seen, self._unread = [], []
+            self._seen = []
         if travel > self._last - PROFILE_SPACING:
             return
         self._last = travel
-        if not self._seen or self._seen[-1][0] - travel > LONGEST_BRIDGE:
-            self._unread.clear()
-        if placement is None:
-            self._unread.append((travel, profile))
-            return
-        for at, one in self._unread:
-            before, _, first = self._seen[-1]
-            share = (before - at) / (before - travel)
-            self._seen.append((at, one, _between(first, placement, share)))
-        self._unread.clear()
         self._seen.append((travel, profile, placement))
-        self._make_references(travel + STATION_LENGTH / 2, noise)
+        self._make_references(travel + LINE_LENGTH / 2, noise)
 
     def _make_references(self, down_to: float, noise: float) -> None:
         """Make the references that are left of those ahead of a place."""
         while self._seen and (place := self._next * STATION_STEP) > down_to:
+            self._seen = [row for row in self._seen if row[0] < place + LINE_LENGTH / 2]
             near = [row for row in self._seen if abs(row[0] - place) < STATION_LENGTH / 2]
-            if len(near) >= FEWEST_PROFILES:
-                places, profiles, placements = zip(*near, strict=True)
-                beyond = np.subtract(places, place)
-                before = self._references.get(self._next)
+            placements = _on_one_line(self._seen, near, place)
+            if len(placements) >= FEWEST_PROFILES:
+                places, profiles, _ = zip(*near, strict=True)
+                before, beyond = self._references.get(self._next), np.subtract(places, place)
                 made = ReferenceProfile.from_profiles(profiles, placements, noise, before, beyond)
                 self._references[self._next] = made
             self._next -= 1
-            self._seen = [row for row in self._seen if row[0] < place + STATION_LENGTH / 2]
 
 
-def _between(one: JointPlacement, other: JointPlacement, share: float) -> JointPlacement:
-    """Placement on the way from one to another, as unsure as the less sure of both.
+def _on_one_line(rows: Sequence[Seen], near: Sequence[Seen], place: float) -> list[JointPlacement]:
+    """Where the joint is in profiles near a place, on the line through all that was read about it.
 
-    A vehicle hardly turns meanwhile. What it is off by is common to all on that way.
+    A vehicle hardly turns meanwhile. Empty if it was not read on both sides.
     """
-    a, b = ((p.centre, p.hull_z, p.roll) for p in (one, other))
-    centre, hull_z, roll = ((1 - share) * x + share * y for x, y in zip(a, b, strict=True))
-    sigma = max(one.centre_sigma, other.centre_sigma)
-    return JointPlacement(
-        centre=centre, hull_z=hull_z, roll=roll, centre_sigma=sigma, shared_sigma=sigma
-    )
+    read = [(at - place, one) for at, _, one in rows if one is not None]
+    along = np.array([at for at, _ in read])
+    if not (len(read) and along.min() < STATION_LENGTH / 2 and along.max() > -STATION_LENGTH / 2):
+        return []
+    found = np.array([(one.centre, one.hull_z, one.roll) for _, one in read])
+    total, shared = np.array([(one.centre_sigma, one.shared_sigma) for _, one in read]).T
+    # Readings over the length of a reference are off alike. It goes aside no more than it may.
+    alike = max(len(read) * STATION_LENGTH / LINE_LENGTH, 1.0)
+    X = np.vstack((np.stack((np.ones_like(along), along), axis=1), (0.0, 1.0)))
+    weights = 1 / np.append(alike * (total**2 + LINE_SIGMA**2), MOST_SIDEWAYS_SHARE**2)
+    shares = np.linalg.solve(X.T @ (weights[:, None] * X), X.T * weights)
+    start, slope = shares[:, :-1] @ found
+    own = np.append(alike * (total**2 - shared**2 + LINE_SIGMA**2), MOST_SIDEWAYS_SHARE**2)
+    sigma = hypot(sqrt(float(shares[0] ** 2 @ own)), float(shares[0, :-1] @ shared))
+    placements = []
+    for at, _, one in near:
+        centre, hull_z, roll = (start + (at - place) * slope).tolist()
+        seen = one or replace(read[0][1], hull_z=hull_z, roll=roll)
+        placements.append(replace(seen, centre=centre, centre_sigma=sigma, shared_sigma=sigma))
+    return placements
 
 
 class RememberingTracker:

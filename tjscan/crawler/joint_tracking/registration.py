@@ -45,6 +45,9 @@ EDGE_SLOPE, BEVEL_SLOPE, EDGE_HALF_WIDTH, LEAST_COVER = 0.3, 0.8, 1e-3, 0.2e-3
 of a place at its edge or inside of it where a bead that hides the edge stands over the plate by so
 many metres: no joint that is merely narrower does."""
 
+DEPTH_OF_EDGE: Final = 1e-3
+"""Below the plate, metres, down to which a bevel shows where its edge is by its slope."""
+
 LEAST_SEEN_SHARE_OF_ONE_SIDE, LEAST_SEEN_SHARE_OF_EDGE = 0.5, 0.9
 """Shares that must be left if a bead covers the edge of the other side, and one alone shows where
 the joint is: of what that side shows, or of the points about its edge, if a bevel ends there. Where
@@ -404,9 +407,11 @@ def _side_hidden(
 
 
 def _is_covered(out: Array, depth: Array, reference: ReferenceProfile, outward: int) -> bool:
-    """Whether a bead stands over the plate about the edge of a reference's side, or inside of it.
+    """Whether a bead hides the edge of a reference's side, though plate is seen beyond it.
 
-    A joint that is merely narrower shows its plate there. Each side counts from its own plate.
+    It stands over the plate about the edge, or inside of it; or it is flush, and then falls gently.
+    A joint that is merely narrower shows its plate there, and then its bevel. Each side counts from
+    its own plate.
 
     Parameters
     ----------
@@ -423,10 +428,13 @@ def _is_covered(out: Array, depth: Array, reference: ReferenceProfile, outward: 
     if not (edge > 0 and len(plate) and beyond.any()):
         return False
     over = np.median(plate) - depth
-    windows = [np.abs(out - edge + k * EDGE_HALF_WIDTH) < EDGE_HALF_WIDTH for k in range(4)]
-    height = max(np.median(over[near]) for near in windows if near.any())
+    inward = np.arange(edge, 0.0, -EDGE_HALF_WIDTH)
+    windows = np.abs(out - inward[:, None]) < EDGE_HALF_WIDTH
+    heights = np.array([np.median(over[near]) for near in windows if near.any()])
+    falls = -np.diff(heights)[heights[:-1] > -DEPTH_OF_EDGE] / EDGE_HALF_WIDTH
+    is_bead = heights[:4].max() > LEAST_COVER or max(falls, default=np.inf) < BEVEL_SLOPE
     is_on_plate = np.abs(over[beyond]) < LEAST_COVER
-    return bool(height > LEAST_COVER and np.mean(is_on_plate) > LEAST_SEEN_SHARE_OF_ONE_SIDE)
+    return bool(is_bead and np.mean(is_on_plate) > LEAST_SEEN_SHARE_OF_ONE_SIDE)
 
 
 def _edge_of(reference: ReferenceProfile, outward: int) -> float:

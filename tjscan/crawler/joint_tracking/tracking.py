@@ -52,6 +52,10 @@ a bead covers an edge its toe looks like one. It is six standard deviations."""
 LEAST_SHARE_ON_REFERENCE: Final = 0.3
 """Share of the points that must lie on the reference."""
 
+LARGEST_REGISTERED_SIGMA: Final = 0.3e-3
+"""Of a centre by the reference, metres: half of what guards let a torch be unsure by. Beads show it
+less surely than edges, and what is remembered is the line through many of them."""
+
 FARTHEST_SIGMAS, FARTHEST_SIDEWAYS = 4.0, 0.03e-3
 """How far a joint that is found by the reference may be from where it was last: in standard
 deviations, and, in metres, for each profile since then. A vehicle at 20 mm/s that turns with a
@@ -223,7 +227,7 @@ class JointTracker:
         self._check_lines(row, lines, width, nan if reference is None else reference.width)
         covariances = self._inflation * lines.point_covariances
         sigma = 0.5 * sqrt(float(covariances[:, 0, 0].sum()))
-        self._check_sigma(row, sigma)
+        row.refuse_unsure(sigma, HULL_GROOVE_SETTINGS.largest_sigma)
         depth, area = _depth_and_area_left_to_fill(row, lines)
         if not known:
             if depth < LEAST_DEPTH:
@@ -259,7 +263,7 @@ class JointTracker:
         placement, _ = found
         noise = placement.centre_sigma**2 - placement.shared_sigma**2
         sigma = sqrt(self._inflation * noise + placement.shared_sigma**2)
-        self._check_sigma(row, sigma)
+        row.refuse_unsure(sigma, LARGEST_REGISTERED_SIGMA)
         room = FARTHEST_SIGMAS * hypot(sigma, last.centre_sigma)
         room += FARTHEST_SIDEWAYS * (self._lost + 1)
         if abs(placement.centre - last.centre) > room:
@@ -307,11 +311,6 @@ class JointTracker:
         for why, refused in refusals.items():
             if refused:
                 raise row.ambiguity(why)
-
-    def _check_sigma(self, row: _ProfileRays, sigma: float) -> None:
-        """Refuse a centre that is too uncertain: the next way would be read by it."""
-        if sigma > HULL_GROOVE_SETTINGS.largest_sigma:
-            raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
     def _learn_from(
         self, row: _ProfileRays, lines: EdgeLines, width: float, *, known: bool
@@ -375,6 +374,11 @@ class _ProfileRays:
     def points(self) -> Array:
         """Places (x, z), shape (n, 2)."""
         return np.column_stack((self.x, self.z))
+
+    def refuse_unsure(self, sigma: float, largest: float) -> None:
+        """Refuse a centre that is too uncertain."""
+        if sigma > largest:
+            raise self.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
     def ambiguity(self, why: str) -> GrooveNotFound:
         """The error of points that do not show one joint."""
