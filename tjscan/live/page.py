@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import Lock, RLock
+from time import sleep
 from typing import Any, Final, Literal, Self
 
 import numpy as np
@@ -33,6 +34,8 @@ RUN_SPACING: Final = 1.6
 """Distance of runs side by side, as a multiple of the distance that they are seen from."""
 
 
+END_SENDING_TIME: Final = 0.5
+"""Seconds that browsers are left to be sent how a run ended, before the page is closed."""
 HELD_BUTTON_RATE: Final = 20.0
 """Hz at which a button that is held repeats it."""
 
@@ -196,6 +199,9 @@ class Page:
         self.enable_buttons(dict.fromkeys(self._buttons, False))
         facts = {STATE_FACT: f"ended{': ' * bool(how)}{how}", BUTTONS_FACT_NAME: ""}
         self.show_step(Step(facts=facts))
+        self.server.flush()
+        if self.server.get_clients():
+            sleep(END_SENDING_TIME)
 
     def add_buttons(self, buttons: Sequence[Button]) -> None:
         """Add buttons; none that is pressed acts on the others before they are there."""
