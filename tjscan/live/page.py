@@ -36,6 +36,7 @@ RUN_SPACING: Final = 1.6
 
 END_SENDING_TIME: Final = 0.5
 """Seconds that browsers are left to be sent how a run ended, before the page is closed."""
+
 HELD_BUTTON_RATE: Final = 20.0
 """Hz at which a button that is held repeats it."""
 
