@@ -58,7 +58,7 @@ def test_the_wheel_holds_every_file_of_the_package_and_the_examples(tmp_path: Pa
         f"{stem}.data/data/share/tjscan/{folder}/{name}"
         for folder in BESIDE_CODE
         for name in files_below(ROOT / folder)
-        if name.endswith(".toml")
+        if name.endswith((".toml", "layout.json"))
     }
     assert {"tjscan/py.typed", "tjscan/report/view3d.js"} < code
     compiled = held - code - beside

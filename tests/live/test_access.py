@@ -78,7 +78,13 @@ def test_nobody_makes_it_public_through_a_relay(page: Page) -> None:
 
 @pytest.mark.parametrize(
     "headers",
-    [{"Origin": "https://elsewhere.example"}, {"Host": "elsewhere.example"}, {"Origin": "null"}],
+    [
+        {"Origin": "https://elsewhere.example"},
+        {"Host": "elsewhere.example"},
+        {"Origin": "null"},
+        {"Host": "[::1"},
+        {"Origin": "http://["},
+    ],
 )
 def test_pages_of_other_sites_are_refused_even_with_the_token(
     page: Page, headers: dict[str, str]

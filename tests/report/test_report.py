@@ -227,7 +227,8 @@ def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_pa
     assert tjscan("report", again, *camera, "--units", "mm", "--frame", "j") == 0
     text = Page((again / "report.html").read_text(encoding="utf-8")).text
     assert "corners to reference cloud" in text
-    assert tjscan("report", tmp_path) == 2
+    (tmp_path / "empty").mkdir()
+    assert tjscan("report", tmp_path / "empty") == 2
     before = (again / "report.html").read_bytes()
     for tolerance in ("0", "-1", "nan", "inf"):
         assert tjscan("report", again, "--tolerance-mm", tolerance) == 2

@@ -62,22 +62,22 @@ def test_inline_tables_comments_links_and_permissions_stay(tmp_path: Path) -> No
     head, _, rest = text.partition("[scan.first]")
     _, _, rest = rest.partition("[arm]")
     inline = (
-        "first = { position_mm = [1, 2, 3], euler_zyx_deg = [4, 5, 6] } # by hand\n"
-        "second = { position_mm = [1, 2, 3], euler_zyx_deg = [4, 5, 6] }\n[arm]"
+        "first = { position_mm = [101, 2, 3], euler_zyx_deg = [4, 5, 6] } # by hand\n"
+        "second = { position_mm = [101, 2, 3], euler_zyx_deg = [4, 5, 6] }\n[arm]"
     )
     job.write_text(head + inline + rest, encoding="utf-8")
     job.chmod(0o640)
     link = tmp_path / "link.toml"
     link.symlink_to(job)
-    write_start_pose(link, ("scan", "first"), (7.5, 8.0, 9.0), (1.0, -2.0, 3.0))
+    write_start_pose(link, ("scan", "first"), (107.5, 8.0, 9.0), (1.0, -2.0, 3.0))
     text = job.read_text(encoding="utf-8")
     assert "# by hand" in text
     assert text.startswith(head)
     assert text.endswith(rest)
     assert link.is_symlink()
     assert stat.S_IMODE(job.stat().st_mode) == 0o640
-    assert read_scan_job(link).start_poses[0].position == pytest.approx((7.5e-3, 8.0e-3, 9.0e-3))
-    assert read_scan_job(link).start_poses[1].position == pytest.approx((1.0e-3, 2.0e-3, 3.0e-3))
+    assert read_scan_job(link).start_poses[0].position == pytest.approx((107.5e-3, 8.0e-3, 9.0e-3))
+    assert read_scan_job(link).start_poses[1].position == pytest.approx((101.0e-3, 2.0e-3, 3.0e-3))
 
 
 @settings(max_examples=50)

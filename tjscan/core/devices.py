@@ -288,6 +288,8 @@ def guard_device(device: D, what: str, fault: type[errors.TjscanError]) -> D:
             own[name] = guarded(found)
         elif isinstance(found, property) and found.fget is not None:
             own[name] = found.getter(guarded(found.fget))
+    if not own:
+        return device
     # Of the object itself: a frozen dataclass refuses any other way.
     object.__setattr__(device, "__class__", type(kind.__name__, (kind,), {"__slots__": (), **own}))
     return device

@@ -168,7 +168,12 @@ def _is_asked_by_own_page(address: str, headers: Headers) -> bool:
 
     A page of another site may make a browser ask, and a name that leads here may be anyone's.
     """
-    host, origin = headers.get("Host", ""), headers.get("Origin")
-    if origin is not None and urlsplit(origin).netloc != host:
+    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+    try:
+        named = [urlsplit(f"//{host}").hostname or "" for host in hosts]
+        asked_from = [urlsplit(origin).netloc for origin in origins]
+    except ValueError:  # no address at all
         return False
-    return not is_loopback_host(address) or is_loopback_host(urlsplit(f"//{host}").hostname or "")
+    if len(hosts) != 1 or any(one != hosts[0] for one in asked_from):
+        return False
+    return not is_loopback_host(address) or is_loopback_host(named[0])

@@ -164,6 +164,8 @@ def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
 
 
 RESUMABLE_KEYS: Final = (
+    "accept.",
+    "artefact.",
     "scan.length_mm",
     "scan.sections",
     "scan.step_mm",
