@@ -86,6 +86,10 @@ PAGES_OF_A_RUN: Final = ("scan", "calibrate", *LONG_RUNS)
 """Runs that are shown again on the live page."""
 
 
+PLAN_HAS_FINDINGS: Final = 3
+"""Exit code of a plan that is written, and has something to say."""
+
+
 def measure(runs: dict[str, Words]) -> Iterator[Row]:
     """All rows; none without a browser."""
     if why_no_browser():
@@ -112,7 +116,7 @@ def call(folder: Path, *words: object) -> None:
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     options = {"cwd": folder, "env": environment, "capture_output": True, "text": True}
     done = subprocess.run([*COMMAND, *map(str, words)], check=False, **options)  # type: ignore[call-overload]
-    if done.returncode:
+    if done.returncode not in (0, PLAN_HAS_FINDINGS):
         raise RuntimeError(f"{' '.join(map(str, words))}: {done.stderr[-2000:]}")
 
 

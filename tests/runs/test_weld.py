@@ -29,6 +29,7 @@ from tjscan.power.simulated import PowerSimulationSettings, SimulatedPowerSource
 from tjscan.power.source import PowerSample
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
+from tjscan.runs.live.weld import read_weld_show
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, _Samples, left_to_weld
 from tjscan.runs.weld.beads import WeldPass
 from tjscan.runs.weld.journal import (
@@ -242,6 +243,13 @@ def test_stopped_weld_goes_on_with_an_overlap_and_welds_nothing_twice(welded: Pa
         overlaps = 0.01 * (len(arcs) - len(spans))
         assert welded_length == pytest.approx(length + overlaps, abs=1e-9)
     assert len(found.beads) > 8
+
+
+def test_a_weld_is_shown_again_with_the_surface_of_every_look(welded: Path) -> None:
+    show, entries = read_weld_show(welded)
+    shown = [step.profile for step in map(show.step_of_entry, entries) if step.profile]
+    assert len(shown) == len(read_recorded_weld(welded).looks)
+    assert all(len(curve.across) == len(curve.up) > 10 for curve in shown)
 
 
 def test_looks_find_what_goes_otherwise_than_set(welded: Path) -> None:

@@ -80,12 +80,20 @@ def new_panels(
     return figures, [figure.add_subplot() for figure in figures]
 
 
+LEGEND_ROW_HEIGHT: Final = 0.16
+"""Inches."""
+
+
 def add_legend_below(axes: Any) -> None:
     """Name the lines of a panel below it, where they hide nothing; within it, if it has others."""
     alone = len(axes.figure.axes) == 1
     place = {"loc": "outside lower center", "ncols": 3} if alone else {}
     legend = axes.figure.legend if alone else axes.legend
-    for text in legend(*axes.get_legend_handles_labels(), fontsize=7, **place).get_texts():
+    handles, labels = axes.get_legend_handles_labels()
+    if alone:  # it takes no room from the lines
+        more = LEGEND_ROW_HEIGHT * max(-(-len(labels) // 3) - 1, 0)
+        axes.figure.set_figheight(axes.figure.get_figheight() + more)
+    for text in legend(handles, labels, fontsize=7, **place).get_texts():
         text.set_parse_math(False)
 
 

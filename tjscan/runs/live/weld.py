@@ -53,7 +53,7 @@ class WeldShow:
                 self._welded[name] = length + entry.end - entry.begin, time + entry.seconds
                 return Step(f"{name} welded", table=self._table())
             case LookMessage():
-                middle = entry.seen.w[len(entry.sigma) // 2]
+                middle = entry.seen.w[len(entry.seen.w) // 2]
                 facts = {"look": f"{entry.name}, {100 * entry.read.mean():.0f} % read"}
                 curve = PlaneCurve(1e3 * entry.u, 1e3 * middle)
                 return Step(f"look {entry.name}", facts=facts, profile=curve)
