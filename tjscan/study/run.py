@@ -129,7 +129,10 @@ def run_trial(trial: Trial, plan: StudyPlan, backend_of: BackendOfTask, code: st
         If this process has another program than who asks.
     """
     if program_code() != code:
-        raise ComputeClusterFault(other_code_message(code))
+        raise ComputeClusterFault(
+            f"a worker has tjscan {program_code()}, this study tjscan {code}: install the same "
+            "everywhere, then go on with --resume"
+        )
     kind, start = backend_of(plan.file.task), perf_counter()
     followed = {}
     try:
@@ -143,14 +146,6 @@ def run_trial(trial: Trial, plan: StudyPlan, backend_of: BackendOfTask, code: st
         # A fault of the program: it costs this row and no other, which holds its name.
         outcome = kind.outcome(False, type(error).__name__, f"unexpected: {error}")
     return row_of_trial(trial, outcome, followed, code, perf_counter() - start)
-
-
-def other_code_message(code: str) -> str:
-    """Says that a worker has another program, and what to do."""
-    return (
-        f"a worker has tjscan {program_code()}, this study tjscan {code}: install the same "
-        "everywhere, then go on with --resume"
-    )
 
 
 def row_of_trial(
