@@ -113,8 +113,9 @@ def _frames_along(origins: Array, walls: Array, angles: Array, plan: ScanPlan) -
 def seam_direction(sections: Sections) -> Array:
     """Direction of the groove at the last of two or more sections, unit vector.
 
-    Of parabolas through the ways of the last sections' corners, as surely as each is known; of
-    lines through few.
+    Of parabolas through the ways of the last sections' corners, each as far as it came along the
+    groove, as surely as they are known; of lines through short ways. Where the sensor turns, the
+    corners come less far, or further, than the sections' origins, which lie beside them.
     """
     last = sections[-seam_fit.MOST_RECENT_SECTIONS :]
     origins = np.array([section.T_b_g[:3, 3] for section in last])
@@ -125,10 +126,11 @@ def seam_direction(sections: Sections) -> Array:
     corners = np.array([section.points_b[1:4] for section in recent])
     covariances = np.array([section.groove.corner_covariances_s for section in recent])
     sigmas = np.sqrt(0.5 * np.trace(covariances, axis1=2, axis2=3) + seam_fit.ARM_REPEATABILITY**2)
-    degree = 2 if len(recent) > 2 and -along[near][0] >= BEND_LENGTH else 1
-    powers = np.vander(along[near], degree + 1, increasing=True)
-    slope = np.zeros(3)
+    onwards, slope = unit_vector(origins[-1] - origins[near][0]), np.zeros(3)
     for way, sigma in zip(corners.swapaxes(0, 1), sigmas.T, strict=True):
+        gone = (way - way[-1]) @ onwards
+        degree = 2 if len(recent) > 2 and np.ptp(gone) >= BEND_LENGTH else 1
+        powers = np.vander(gone, degree + 1, increasing=True)
         inverse = np.linalg.inv(powers.T @ (powers / sigma[:, None] ** 2))
         slope += (inverse @ powers.T @ (way / sigma[:, None] ** 2))[1] / inverse[1, 1]
     return unit_vector(slope)
