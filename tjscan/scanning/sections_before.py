@@ -524,7 +524,9 @@ def check_leads_on(
     turned = np.outer(np.clip(apart @ along_b, -PLANNING_SPACING, PLANNING_SPACING), along_b)
     aside = np.linalg.norm(apart - turned, axis=1)
     same = SAME_SECTION_DISTANCE + LARGEST_SLOPE_OFF * gone
-    if (aside > np.maximum(same, largest_chance_differences(found.groove, last.groove))).all():
+    chance = largest_chance_differences(found.groove, last.groove)
+    seen = np.array([name not in found.groove.absent for name in ("p2", "p3", "p4")])
+    if (aside > np.maximum(same, chance))[seen].all():
         raise _implausible_reading(
             f"its corners are {1e3 * aside.min():.1f} mm or more beside the groove behind it, "
             f"{1e3 * same:.1f} mm are plausible"
