@@ -192,7 +192,7 @@ class ContinuousScanner(Scanner):
             elif asked or self._length > reached:
                 if not asked:
                     self._log.record_event(ScanEvent.RETREAT, why)
-                if (ended := self._return_to_last_section()) is not None:
+                if (ended := self._ended_by(self._return_to_last_section)) is not None:
                     return ended
                 length = self._length
             else:
@@ -203,17 +203,6 @@ class ContinuousScanner(Scanner):
                 length = self._length + groove_length(sections[-2:])
             path = self._standing(length)
             reached = length
-
-    def _return_to_last_section(self) -> ScanResult | None:
-        """Go back and see that the section is still there; the scan's result if that ends it."""
-        last = self._log.sections[-1].view
-        try:
-            self._check_last_section(self._taker.move_joint_to_pose(last.T_b_f, near=last.q))
-        except errors.PoseUnreachable as error:
-            return self._end_scan(StopReason.UNREACHABLE, str(error))
-        except errors.JointMoved as error:
-            return self._end_scan(StopReason.LOST, str(error))
-        return None
 
     def _standing(self, length: float) -> FollowedPath:
         """No path yet, from the section before which the arm stands."""
