@@ -185,11 +185,12 @@ class ContinuousScanner(Scanner):
             if (ended := self._wait_for_permission()) is not None:
                 return ended
             why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
-            sections = self._log.sections
-            if self._length < self._second_length - LONGEST_GAP:
+            sections, further = self._log.sections, asked or self._length > reached
+            before_second = self._length < self._second_length - LONGEST_GAP
+            if before_second and not (further and len(planning_sections(sections)) > 1):
                 self._scan_taught("second", self._taker.move_joint_to_pose(self._T_b_f_second))
                 length = self._second_length
-            elif asked or self._length > reached:
+            elif further:
                 if not asked:
                     self._log.record_event(ScanEvent.RETREAT, why)
                 if (ended := self._ended_by(self._return_to_last_section)) is not None:
