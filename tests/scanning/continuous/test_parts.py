@@ -213,7 +213,9 @@ def test_the_seam_ahead_leads_the_same_way_however_the_plane_of_light_is_turned(
     *before, last = world.walk(1.5, 0.008, 12)
     about_y = pose(Rotation.from_euler("y", yaw, degrees=True).as_matrix())
     turned = world.look(SetPoint(last.T_b_t @ about_y, last.T_s_t), last.view.index)
-    ways = [predict_seam([*before, one], world.plan, 0.03).T_b_t[0, :3, 0] for one in (last, turned)]
+    ways = [
+        predict_seam([*before, one], world.plan, 0.03).T_b_t[0, :3, 0] for one in (last, turned)
+    ]
     assert np.degrees(np.arccos(ways[0] @ ways[1])) < 1.0
 
 
