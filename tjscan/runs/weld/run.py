@@ -551,9 +551,10 @@ class Weld:
         if bead is None or len(arc.s) < 2 or arc.end - arc.begin < TRACE_STEP:
             return
         s = np.linspace(arc.begin, arc.end, 1 + round((arc.end - arc.begin) / TRACE_STEP))
-        along = [np.interp(s, arc.s, values) for values in (arc.speed, arc.feed, arc.heat_input)]
+        rows = arc.speed, arc.feed, arc.heat_input
+        speed, feed, heat = (np.interp(s, arc.s, values) for values in rows)
         u, weave = (np.interp(s, bead.s, values) for values in (bead.tip[:, 0], bead.weave))
-        self.world.weld(TorchTrace(s, u, *along, weave))
+        self.world.weld(TorchTrace(s, u, speed, feed, heat, weave))
         self._laid, self._fresh = True, None
 
     def _finish_bead(self, bead: NextBead) -> None:
