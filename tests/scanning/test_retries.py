@@ -116,7 +116,8 @@ def test_a_groove_that_is_gone_ends_the_scan_after_every_remedy() -> None:
 
 
 def test_a_joint_has_not_moved_if_the_section_before_the_last_is_where_it_was() -> None:
-    notes, found = Notes(), []
+    notes = Notes()
+    found: list[Profile] = []
 
     def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
         if len(notes.sections) == 4 and not found:
