@@ -236,16 +236,8 @@ class SurfaceErrors:
 
 def trace_of(bead: NextBead) -> TorchTrace:
     """A torch that does what a bead says."""
-    n = len(bead.s)
-    return TorchTrace(
-        bead.s,
-        bead.tip,
-        np.tile((0.0, -1.0), (n, 1)),
-        bead.speed,
-        bead.feed,
-        bead.heat_input,
-        bead.weave,
-    )
+    u = bead.tip[:, 0]
+    return TorchTrace(bead.s, u, bead.speed, bead.feed, bead.heat_input, bead.weave)
 
 
 def even_plan(groove: GrooveOfBench, counts: tuple[int, ...], feed: float) -> Iterator[TorchTrace]:
@@ -256,9 +248,9 @@ def even_plan(groove: GrooveOfBench, counts: tuple[int, ...], feed: float) -> It
     wps, n = bench_wps(), len(share)
     feeds = np.full(n, feed)
     speed = np.clip(wps.deposition_rate(feeds) / share, *wps.arc.travel_speed)
-    heat, down = wps.heat_input(feeds, speed), np.tile((0.0, -1.0), (n, 1))
+    heat = wps.heat_input(feeds, speed)
     for layer, count in enumerate(counts):
         quads = cells.quadrilaterals(layer)
         for j in sorted(range(count), key=lambda k: (min(k, count - 1 - k), k)):
-            aim, weave = quads[:, j, :2].mean(axis=1), np.full(n, 3e-3)
-            yield TorchTrace(groove.state.s, aim, down, speed, feeds, heat, weave)
+            aim, weave = quads[:, j, :2, 0].mean(axis=1), np.full(n, 3e-3)
+            yield TorchTrace(groove.state.s, aim, speed, feeds, heat, weave)

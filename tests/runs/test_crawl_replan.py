@@ -171,8 +171,9 @@ def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
     assert planner.done == 3
     assert seen.read.all()
     wire = 1.03 * 0.25 * np.pi * 1.2e-3**2 * 0.95
-    laid = wire * sum(float(one.feed[1] / one.speed[1]) for one in found.planned.values())
-    assert planner.belief.metal_area[2] == pytest.approx(laid, rel=0.08)  # ends, overlap apart
+    here = [one.table.at(planner.belief.s[1:2]) for one in found.planned.values()]
+    laid = wire * sum(float(one.feed[0] / one.speed[0]) for one in here)
+    assert planner.belief.metal_area[1] == pytest.approx(laid, rel=0.08)  # ends, overlap apart
     limits = ROOT / "examples" / "iso5817-example.toml"
     assert tjscan("inspect", file.parent, "--limits", limits, "--thickness-mm", 16, "--json") == 3
     shown = json.loads(capsys.readouterr().out)
@@ -370,7 +371,8 @@ def test_the_joint_is_read_through_ten_planned_passes(job_file: Path, seed: int)
                 )
                 planner.see(cycle, placement)
 
-    back = np.arange(0.06, -0.02, -0.8e-3)
+    step = 0.8e-3
+    back = np.arange(0.06, -0.02, -step)
     look(0, Phase.BACKWARD_ALIGNMENT, back)
     for number, one in enumerate(job.passes, 1):
         table = with_rows(one, planner.plan_pass(number).table)
@@ -382,7 +384,7 @@ def test_the_joint_is_read_through_ten_planned_passes(job_file: Path, seed: int)
     ways, at, errors, sigmas, lone = np.transpose(read)
     for way in range(2, 21):  # nothing is left to weld when it goes back from the last pass
         gaps = np.diff(np.sort(np.append(at[ways == way], (0.0, 0.04))))
-        assert gaps.max() < job.guards.blind_travel
+        assert gaps.max() - step < job.guards.blind_travel  # its last step brings a reading
     cut_off = np.abs(at - 0.04) < 1e-3  # a simulated bead ends there as no bead does
     assert np.sqrt(np.mean(errors[~cut_off] ** 2)) < 0.04e-3
     assert len(read) > 0.92 * 21 * len(back)

@@ -45,5 +45,5 @@ def weld_world(state: WeldState, faults: WeldFaults, seed: int = 1) -> WeldWorld
 
 def torch_trace(bead: NextBead) -> TorchTrace:
     """A torch that does what a bead asks for."""
-    down = np.tile((0.0, -1.0), (len(bead.s), 1))
-    return TorchTrace(bead.s, bead.tip, down, bead.speed, bead.feed, bead.heat_input, bead.weave)
+    u = bead.tip[:, 0]
+    return TorchTrace(bead.s, u, bead.speed, bead.feed, bead.heat_input, bead.weave)

@@ -11,7 +11,7 @@ from weld_grooves import torch_trace, v_groove, v_groove_planner, weld_world
 from tjscan.core.errors import ConfigurationError
 from tjscan.welding.bead import column_widths
 from tjscan.welding.shrinkage import ShrinkageModel, close_groove
-from tjscan.welding.world import WeldFaults, WeldWorld, correlated_noise, wire_meets_surface
+from tjscan.welding.world import WeldFaults, WeldWorld, correlated_noise
 
 
 def one_bead(faults: WeldFaults, seed: int = 1) -> WeldWorld:
@@ -89,16 +89,6 @@ def test_what_wanders_goes_on_over_the_end_of_a_closed_groove() -> None:
     area = world.weld(replace(trace, s=trace.s + 0.5 * period, **even))
     inner = np.r_[area[-5:], area[:5]]  # ignition and crater lie in the middle
     assert abs(inner[5] - inner[4]) < 3 * np.abs(np.diff(area[:15])).mean()
-
-
-def test_wire_meets_the_outermost_face() -> None:
-    u = np.linspace(-10e-3, 10e-3, 201)[None]
-    w = np.abs(u) * 2
-    tip, down = np.array([[2e-3, 30e-3]]), np.array([[0.0, -1.0]])
-    assert wire_meets_surface(u, w, tip, down) == pytest.approx(2e-3)
-    tilted = np.array([[np.sin(0.2), -np.cos(0.2)]])
-    found = wire_meets_surface(u, w, np.array([[0.0, 10e-3]]), tilted)
-    assert found == pytest.approx(10e-3 * np.tan(0.2) / (1 + 2 * np.tan(0.2)), rel=1e-6)
 
 
 def test_noise_has_its_spread_and_its_length() -> None:

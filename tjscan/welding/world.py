@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from math import exp, pi, sqrt
 from typing import Annotated
 
@@ -28,10 +28,8 @@ class TorchTrace:
     s : ndarray, shape (k,)
         Lengths along the groove, metres; they grow, or fall if it went backwards. In a groove
         that closes they go on beyond its length.
-    tip : ndarray, shape (k, 2)
-        u and w of the wire's tip, metres.
-    direction : ndarray, shape (k, 2)
-        Unit vector along the wire, into the work, in the section.
+    u : ndarray, shape (k,)
+        Across, where the wire points straight into the groove, metres.
     speed, feed : ndarray, shape (k,)
         Of travel and of the wire, m/s.
     heat_input : ndarray, shape (k,)
@@ -41,8 +39,7 @@ class TorchTrace:
     """
 
     s: Array
-    tip: Array
-    direction: Array
+    u: Array
     speed: Array
     feed: Array
     heat_input: Array
@@ -51,15 +48,8 @@ class TorchTrace:
     def at(self, s: Array) -> TorchTrace:
         """The samples interpolated at lengths along the groove."""
         order = np.argsort(self.s, kind="stable")
-        names = ("tip", "direction", "speed", "feed", "heat_input", "weave")
-        found = [
-            np.stack(
-                [np.interp(s, self.s[order], row[order]) for row in np.atleast_2d(values.T)],
-                axis=-1,
-            ).reshape(len(s), *values.shape[1:])
-            for values in (getattr(self, name) for name in names)
-        ]
-        return TorchTrace(s, *found)
+        columns = (getattr(self, one.name)[order] for one in fields(self)[1:])
+        return TorchTrace(s, *(np.interp(s, self.s[order], column) for column in columns))
 
 
 SLIP_LENGTH, WANDER_LENGTH = 30e-3, 15e-3
@@ -112,31 +102,6 @@ def correlated_noise(s: Array, length: float, sigma: float, rng: Generator) -> A
     drive = rng.standard_normal(len(s))
     drive[1:] *= sqrt(1 - rho**2)
     return np.asarray(sigma * lfilter([1.0], [1.0, -rho], drive))
-
-
-def wire_meets_surface(u: Array, w: Array, tip: Array, direction: Array) -> Array:
-    """Where wires, or their extensions, meet surfaces: u, shape (n,), metres.
-
-    Parameters
-    ----------
-    u, w : ndarray, shape (n, m)
-        Surfaces.
-    tip, direction : ndarray, shape (n, 2)
-        Of the wires.
-    """
-    du, dw = u - tip[:, :1], w - tip[:, 1:]
-    beside = du * direction[:, 1:] - dw * direction[:, :1]
-    crosses = beside[:, :-1] * beside[:, 1:] <= 0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.clip(beside[:, :-1] / (beside[:, :-1] - beside[:, 1:]), 0.0, 1.0)
-    share = np.nan_to_num(share)
-    at_u = u[:, :-1] + share * np.diff(u, axis=1)
-    at_w = w[:, :-1] + share * np.diff(w, axis=1)
-    # The outermost crossing: light and arc meet that one first.
-    along = (at_u - tip[:, :1]) * direction[:, :1] + (at_w - tip[:, 1:]) * direction[:, 1:]
-    first = np.where(crosses, along, np.inf).argmin(axis=1)
-    rows = np.arange(len(u))
-    return np.where(crosses.any(axis=1), at_u[rows, first], tip[:, 0])
 
 
 @dataclass(slots=True)
@@ -207,7 +172,6 @@ class WeldWorld:
         """Lay the bead at some stations, which the torch passed at lengths s along its way."""
         part, faults = replace(self.state.part(rows), s=s), self.faults
         torch = trace.at(s)
-        tip = torch.tip + np.array((faults.offset, 0.0))
         slip = correlated_noise(s, SLIP_LENGTH, faults.slip, self.rng)
         wander = correlated_noise(s, WANDER_LENGTH, faults.wander, self.rng)
         ends = self.model.area_along_bead(np.abs(s - trace.s[0]), np.abs(trace.s[-1] - s))
@@ -215,7 +179,7 @@ class WeldWorld:
         area = (1 + faults.gain) * (1 + slip) * ends * wire * torch.feed / torch.speed
         width = self.model.bead_width(torch.heat_input, torch.weave)
         width = width * (1 + faults.width_sigma * self.rng.standard_normal())
-        centre = wire_meets_surface(part.u, part.w, tip, torch.direction) + wander
+        centre = torch.u + faults.offset + wander
         laid = self.lay_shape(part, centre, width, area)
         factor = (1 + faults.shrinkage) * np.ones(len(s))
         if self.held_length > 0:

@@ -103,7 +103,6 @@ class CrawlWeld:
         """Lay a bead along a way of the torch, shape (k,): metres and m/s."""
         rows = one.table.at(s)
         feed = np.where(np.isfinite(rows.feed), rows.feed, self.settings.wire_feed)
-        tip, down = np.column_stack((right, rows.height)), np.tile((0.0, -1.0), (len(s), 1))
         heat = self.settings.heat_power / speed
         weave = 2 * rows.weave
         if one.edge_gap is not None:
@@ -113,7 +112,7 @@ class CrawlWeld:
         # Of each arc by its number: those of an interrupted run are laid again as they were.
         self.metal.rng = np.random.default_rng([self.seed, WELD_RANDOM_STREAM, self._arcs])
         self._arcs += 1
-        self.metal.weld(TorchTrace(s, tip, down, speed, feed, heat, weave))
+        self.metal.weld(TorchTrace(s, right, speed, feed, heat, weave))
 
     def outline(self, along: float) -> Array:
         """Steel at a place, from plate to plate, shape (n, 2): across and height, metres."""

@@ -19,7 +19,6 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.plan import PassSettings, with_rows
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
-from tjscan.planning.crawl_passes import SEGMENT_LENGTH
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.weld.journal import SURFACE_EVENT
@@ -36,8 +35,9 @@ from tjscan.welding.target import surface_in_words
 LOOKING_PHASES: Final = (Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT, Phase.RETURN)
 """The arc is out, and the vehicle goes along the joint."""
 
-STATION_STEP, POOLED_LENGTH = 5e-3, 4e-3
-"""Between two stations, and to either side of one whose profiles count, metres."""
+STATION_STEP, POOLED_LENGTH, END_LENGTH = 5e-3, 4e-3, 5e-3
+"""Between two stations, and to either side of one whose profiles count; and from either end of the
+weld to the first: what start and crater leave unfilled there no further bead fills. Metres."""
 
 FEWEST_PROFILES: Final = 3
 """Profiles that show a station: the median of fewer has the arc's glow or spatter in it."""
@@ -81,7 +81,8 @@ class CrawlPassPlanner:
 
     def __post_init__(self) -> None:
         length = self.job.weld.length
-        self.s = np.linspace(0.0, length, 1 + max(2, ceil(length / STATION_STEP)))
+        begin, end = END_LENGTH, length - END_LENGTH
+        self.s = np.linspace(begin, end, 1 + max(2, ceil((end - begin) / STATION_STEP)))
         self._closed = np.zeros(len(self.s))
 
     def see(self, cycle: CrawlCycle, placement: JointPlacement) -> None:
@@ -109,8 +110,10 @@ class CrawlPassPlanner:
         unread = near[1] - near[0] < FEWEST_PROFILES
         if not unread.all():
             unread |= ~self._look().read if self._take_edges() else True
-        spans = zip(*stretches_of_true_values(unread), strict=True)
-        return max((STATION_STEP * (b - a) for a, b in spans), default=0.0)
+        middles = 0.5 * (self.s[1:] + self.s[:-1])
+        borders = np.concatenate(([0.0], middles, [self.job.weld.length]))
+        begin, end = stretches_of_true_values(unread)
+        return float(np.max(borders[end] - borders[begin], initial=0.0))
 
     def take_look(self, laid: int) -> tuple[WeldPlanner, SurfaceLook]:
         """Take in what was seen since the last pass, of which so many are laid.
@@ -133,7 +136,9 @@ class CrawlPassPlanner:
             self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
         else:
             if self._bead is not None and self._bead.number < laid:
-                self.planner.after_bead(self._bead)
+                ends = 0.0, self.job.weld.length
+                area = self.planner.area_of_arc(self.s, ends, self._bead.feed, self._bead.speed)
+                self.planner.after_bead(self._bead, area)
             u = np.tile(look.u, (len(self.s), 1))
             self.planner.take_look(u, look.w, look.sigma, look.read)
         self._seen.clear()
@@ -148,8 +153,9 @@ class CrawlPassPlanner:
                 "were planned from looks",
                 key="weld.layers",
             )
-        bead = self._bead = planner.next_bead()
+        bead = planner.for_arc(planner.next_bead(), 0.0, self.job.weld.length)
         self._check_reach(bead)
+        self._bead = bead.at(self.s)
         planned = self._planned(planner, bead, float(np.mean(~look.read)))
         self.tell(with_rows(self.job.passes[number - 1], planned.table))
         return planned
@@ -161,7 +167,7 @@ class CrawlPassPlanner:
         except LookRefused as error:
             return RunEvent(SURFACE_EVENT, str(error))
         state = planner.belief.part(look.read)
-        text = surface_in_words(state, planner.order.cap_height, float(self.s[1]))
+        text = surface_in_words(state, planner.order.cap_height, float(self.s[1] - self.s[0]))
         return RunEvent(SURFACE_EVENT, text)
 
     def replay(
@@ -238,10 +244,9 @@ class CrawlPassPlanner:
 
     def _planned(self, planner: WeldPlanner, bead: NextBead, unread: float) -> PlannedPass:
         learner, deviation = planner.learner, planner.deviation
-        length = self.job.weld.length
-        s = np.linspace(0.0, length, 1 + ceil(length / SEGMENT_LENGTH))
-        rows = bead.speed, *bead.tip.T, 0.5 * bead.weave, bead.feed, self._closed
-        speed, offset, height, weave, feed, closed = (np.interp(s, bead.s, row) for row in rows)
+        s = np.concatenate(([0.0], self.s, [self.job.weld.length]))
+        rows = bead.at(s)
+        offset, height = rows.tip.T
         return PlannedPass(
             bead.number + 1,
             unread,
@@ -251,12 +256,12 @@ class CrawlPassPlanner:
             None if deviation is None else deviation.value,
             None if deviation is None else deviation.sigma,
             s,
-            speed,
+            rows.speed,
             offset,
             height,
-            weave,
-            feed,
-            closed,
+            0.5 * rows.weave,
+            rows.feed,
+            np.interp(s, self.s, self._closed),
             at_limit=float(bead.is_at_limit.mean()),
         )
 

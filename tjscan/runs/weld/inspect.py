@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.sourced import NumberSource
+from tjscan.core.sourced import NumberSource, value_entry
 from tjscan.core.units import DEG, MM, FileUnit
 from tjscan.crawler.journal import CRAWL_RECORDING
 from tjscan.job.crawl.job import read_crawl_job
@@ -94,7 +94,7 @@ def inspection_as_json(rows: tuple[InspectionRow, ...], *, simulated: bool) -> d
                 "remark": row.limit.remark,
                 "state": row.state,
                 **{
-                    name: {"value": value / unit.factor, "unit": unit.suffix, "source": str(source)}
+                    name: value_entry(value, source, unit)
                     for name, value, unit, source in _numbers_of_row(row, simulated=simulated)
                 },
             }

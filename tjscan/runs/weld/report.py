@@ -55,10 +55,7 @@ def _weld_headline(found: RecordedWeld) -> Iterator[HeadlineNumber]:
 
 
 def _weld_facts(found: RecordedWeld) -> Iterator[tuple[str, str]]:
-    begun = sum(1 for bead in found.beads if found.arcs_of(bead))
-    yield "passes", f"{len(found.beads)} planned, {begun} begun"
     yield "arc time", f"{sum(arc.seconds for arc in found.arcs) / 60:.1f} min, as simulated"
-    yield "looks", f"{len(found.looks)}"
     for bead in found.beads:
         arcs = found.arcs_of(bead)
         length = sum(arc.end - arc.begin for arc in arcs)

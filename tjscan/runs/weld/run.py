@@ -551,12 +551,10 @@ class Weld:
         if bead is None or len(arc.s) < 2 or arc.end - arc.begin < TRACE_STEP:
             return
         s = np.linspace(arc.begin, arc.end, 1 + round((arc.end - arc.begin) / TRACE_STEP))
-        tip = np.column_stack([np.interp(s, bead.s, column) for column in bead.tip.T])
-        along = [np.interp(s, arc.s, values) for values in (arc.speed, arc.feed, arc.heat_input)]
-        down = np.tile((0.0, -1.0), (len(s), 1))
-        weave = np.interp(s, bead.s, bead.weave)
-        speed, feed, heat = along
-        self.world.weld(TorchTrace(s, tip, down, speed, feed, heat, weave))
+        rows = arc.speed, arc.feed, arc.heat_input
+        speed, feed, heat = (np.interp(s, arc.s, values) for values in rows)
+        u, weave = (np.interp(s, bead.s, values) for values in (bead.tip[:, 0], bead.weave))
+        self.world.weld(TorchTrace(s, u, speed, feed, heat, weave))
         self._laid, self._fresh = True, None
 
     def _finish_bead(self, bead: NextBead) -> None:
