@@ -333,7 +333,13 @@ def trials_of_others(mode: str) -> list[tuple[StudyPlan, int]]:
     cell = tomllib.loads(WAYS["ccw"].read_text())
     place = {name: cell["joint"][name] for name in ("position_mm", "euler_zyx_deg")}
     study = tomllib.loads((EXAMPLES / "continuous-study.toml").read_text())
-    rule = {"room_mm": 150.0, "leg_wall_to_brace_wall": 1.0, "hand_mm": 3.0, "hand_deg": 3.0}
+    rule = {
+        "room_mm": 150.0,
+        "leg_wall_to_brace_wall": 1.0,
+        "hand_mm": 3.0,
+        "hand_deg": 3.0,
+        "centre_view": True,
+    }
     plan = {
         "job": str(EXAMPLES / study["job"]),
         "fixed": {

@@ -115,6 +115,24 @@ def test_a_groove_that_is_gone_ends_the_scan_after_every_remedy() -> None:
     assert result.counts.half_steps == result.counts.retreats == 1
 
 
+def test_a_joint_has_not_moved_if_the_section_before_the_last_is_where_it_was() -> None:
+    notes = Notes()
+    found: list[Profile] = []
+
+    def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
+        if len(notes.sections) == 4 and not found:
+            if not np.allclose(notes.views[-1].T_b_f, notes.sections[-2].view.T_b_f, atol=1e-3):
+                raise GrooveNotFound("no bevel", "hidden")
+            found.append(profile)
+        return read_groove(profile, prior=prior)
+
+    result = scan_example(SHORT, notes=notes, read=read)
+    assert found
+    assert result.stop is StopReason.SECTIONS
+    assert result.counts.retreats == 1
+    assert example_corner_errors(result).max() < TRUE_CORNER
+
+
 @pytest.mark.parametrize(
     ("first", "profiles"),
     [*((SIDE_VIEW, k) for k in (1, 2, 3, 4)), *((SIDE_VIEW + 1, k) for k in (1, 2, 3))],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -38,6 +39,9 @@ from tjscan.scanning.section import (
 from tjscan.scanning.smooth import predictor_for_plan
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.target import correction_target_pose
+
+MOST_RETURNS: Final = 3
+"""Sections, `PLANNING_SPACING` apart, that are looked for before a joint counts as moved."""
 
 LEAST_SHARE_AHEAD: Final = 0.1
 """Of a step, that the second taught section is ahead of the first at least."""
@@ -129,8 +133,7 @@ class Scanner:
         self._log.restore_from_recording(done, sections)
         for view in done.views:
             self._taker.remember_view(view)
-        last = sections[-1].view
-        moved = self._check_last_section(self._taker.move_joint_to_pose(last.T_b_f, near=last.q))
+        moved = self._return_to_last_section()
         detail = f"after section {len(sections) - 1}, moved {1e3 * moved:.3f} mm"
         self._log.record_event(ScanEvent.RESUMED, detail)
         return self._scan_until_done()
@@ -158,8 +161,12 @@ class Scanner:
 
     def _make_step(self, d_st: float) -> ScanResult | None:
         """Make a step; the scan's result if none is possible."""
+        return self._ended_by(lambda: self._finish_section(self._step_with_retries(d_st)))
+
+    def _ended_by(self, move: Callable[[], object]) -> ScanResult | None:
+        """The scan's result if it can't go on because of a move; else nothing."""
         try:
-            self._finish_section(self._step_with_retries(d_st))
+            move()
         except errors.PoseUnreachable as error:
             return self._end_scan(StopReason.UNREACHABLE, str(error))
         except (errors.GrooveNotFound, errors.JointMoved) as error:
@@ -202,8 +209,7 @@ class Scanner:
             self._log.record_event(retry.event, retry.describe(lost))
             try:
                 if retry.from_last_section:
-                    T_b_f = self._log.sections[-1].view.T_b_f
-                    self._check_last_section(self._taker.move_linear(T_b_f))
+                    self._return_to_last_section()
                 return self._step(retry.length)
             except retries.NotRead as error:
                 lost = error
@@ -371,22 +377,48 @@ class Scanner:
             raise errors.StartOnTack(which)
         self._log.record(section)
 
-    def _check_last_section(self, state: ArmState) -> float:
-        """Read the last section again; gives the metres that it seems to have moved.
+    def _return_to_last_section(self) -> float:
+        """Go back and see that the joint is where it was; gives the metres it seems to have moved.
+
+        A section in passing may be read in no profile from one place: then those before it tell.
+
+        Raises
+        ------
+        JointMoved
+            If they are too many, or none of the last sections is found any more.
+        """
+        last, moved = self._log.sections[-1], None
+        for section in sections_before.planning_sections(self._log.sections)[
+            : -MOST_RETURNS - 1 : -1
+        ]:
+            view = section.view
+            state = self._taker.move_joint_to_pose(view.T_b_f, near=view.q)
+            try:
+                gone = self._distance_moved(section, state)
+            except errors.JointMoved as error:
+                moved = moved or error
+                continue
+            if section is not last:
+                self._taker.move_joint_to_pose(last.view.T_b_f, near=last.view.q)
+            return gone
+        assert moved is not None
+        raise moved
+
+    def _distance_moved(self, section: ScannedSection, state: ArmState) -> float:
+        """Read a section again; gives the metres that it seems to have moved.
 
         Raises
         ------
         JointMoved
             If they are too many, or it is not found any more.
         """
-        last, tolerance = self._log.sections[-1], self._plan.return_tolerance
-        index = len(self._log.sections) - 1
+        tolerance, index = self._plan.return_tolerance, len(self._log.sections) - 1
         try:
-            now = self._read_until_found(state, index, Substep.RESUMED, last.T_s_t)
+            now = self._read_until_found(state, index, Substep.RESUMED, section.T_s_t)
         except errors.GrooveNotFound as error:
             raise errors.JointMoved(f"the last section is not there any more: {error}") from None
-        apart = np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4]
-        known = sections_before.largest_chance_differences(now.groove, last.groove) < tolerance
+        apart = np.linalg.norm(now.points_b - section.points_b, axis=1)[1:4]
+        known = sections_before.largest_chance_differences(now.groove, section.groove) < tolerance
         moved = float(apart[known].max(initial=apart.min()))
         if moved > tolerance:
             raise errors.JointMoved(

@@ -143,6 +143,9 @@ on joints of 168 to 610 mm that made up to half of it.
 """
 
 
+LARGEST_SLOPE_OFF: Final = 0.4
+"""Metres by which a groove, per metre along it, leaves its direction as it is known, at most."""
+
 TACK_END_LENGTH: Final = 4e-3
 """Metres beyond a tack weld within which its end may reach."""
 
@@ -496,6 +499,37 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
         raise _implausible_reading(
             f"its corners are {1e3 * aside[k]:.1f} mm from where the prediction view showed them, "
             f"{1e3 * allowed[k]:.1f} mm are plausible"
+        )
+
+
+def check_leads_on(
+    found: ScannedSection, last: ScannedSection, along_b: Array, gone: float
+) -> None:
+    """Refuse a section read in passing that is of another groove than the one right behind it.
+
+    Parameters
+    ----------
+    found, last : ScannedSection
+    along_b : ndarray, shape (3,)
+        Direction of the groove, unit vector.
+    gone : float
+        Metres along the groove from one to the other.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible": none of its corners lies where the groove leads.
+    """
+    apart = (found.points_b - last.points_b)[1:4] - gone * along_b
+    turned = np.outer(np.clip(apart @ along_b, -PLANNING_SPACING, PLANNING_SPACING), along_b)
+    aside = np.linalg.norm(apart - turned, axis=1)
+    same = SAME_SECTION_DISTANCE + LARGEST_SLOPE_OFF * gone
+    chance = largest_chance_differences(found.groove, last.groove)
+    seen = np.array([name not in found.groove.absent for name in ("p2", "p3", "p4")])
+    if (aside > np.maximum(same, chance))[seen].all():
+        raise _implausible_reading(
+            f"its corners are {1e3 * aside.min():.1f} mm or more beside the groove behind it, "
+            f"{1e3 * same:.1f} mm are plausible"
         )
 
 

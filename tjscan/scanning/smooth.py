@@ -86,6 +86,22 @@ class ExpectedSection:
         J = (values[1:] - values[0]).T / _DIFFERENCE_STEP
         return np.asarray(section - np.linalg.solve(J, values[0]))
 
+    def direction(self, section: Array, R_b_s: Array) -> Array:
+        """Direction onwards along the edge in which wall and leg would meet, unit vector in b.
+
+        Parameters
+        ----------
+        section : ndarray, shape (5,)
+            As the class has it.
+        R_b_s : ndarray, shape (3, 3)
+            Orientation of the sensor.
+        """
+        points = section[:3] + self._shape[:2, None] * wall_and_leg(section, R_b_s)
+        axes = np.broadcast_to(np.eye(3), (2, 3, 3))
+        _, normals = self._seam.walls().offsets_and_slopes(points[:, None], axes)
+        t = unit_vector(cross(*normals))
+        return t if t @ (section[:3] - self._T_b_g[:3, 3]) > 0 else -t
+
     def ideal_frame_and_work_angle(self, section: Array, R_b_s: Array) -> tuple[Array, float]:
         """Ideal frame t in b, eq. (12), and work angle (radians), eq. (16), of a section.
 

@@ -21,7 +21,7 @@ from tjscan.scanning.continuous.fusing import ProfileFuser, fuse_profiles
 from tjscan.scanning.continuous.poses import ActualPoses
 from tjscan.scanning.continuous.seam_ahead import predict_seam, seam_direction
 from tjscan.scanning.continuous.smoothing import finished_sections, smooth_corners
-from tjscan.scanning.section import ProfileView, ScannedSection, Substep
+from tjscan.scanning.section import ProfileView, ScannedSection, SetPoint, Substep
 from tjscan.scanning.sections_before import planning_sections
 from tjscan.scanning.target import ScanDirection
 
@@ -202,6 +202,21 @@ def test_the_seam_ahead_is_where_the_next_sections_are(
         assert np.linalg.norm(off - (off @ x) * x) < 1.5e-3
     with pytest.raises(IndexError):
         predict_seam([], world.plan, 0.08)
+
+
+@pytest.mark.parametrize("yaw", [-20.0, 20.0])
+def test_the_seam_ahead_leads_the_same_way_however_the_plane_of_light_is_turned(
+    yaw: float,
+) -> None:
+    """Where it does not, the path turns the plane, and the plane the path."""
+    world = seam()
+    *before, last = world.walk(1.5, 0.008, 12)
+    about_y = pose(Rotation.from_euler("y", yaw, degrees=True).as_matrix())
+    turned = world.look(SetPoint(last.T_b_t @ about_y, last.T_s_t), last.view.index)
+    ways = [
+        predict_seam([*before, one], world.plan, 0.03).T_b_t[0, :3, 0] for one in (last, turned)
+    ]
+    assert np.degrees(np.arccos(ways[0] @ ways[1])) < 1.0
 
 
 def test_sections_to_plan_with_are_spaced_and_end_with_the_last() -> None:

@@ -164,8 +164,11 @@ def test_where_the_groove_cannot_be_read_the_scan_steps_over_and_says_so() -> No
     notes = Notes()
     result = scan_continuously({}, notes=notes, through=HeardThrough(blind))
     assert result.stop is StopReason.LENGTH
-    assert result.counts.stepwise >= 1
     assert any(name == ScanEvent.STEPWISE and "too few points" in d for name, d in notes.events)
+    stepped = [k for k, s in enumerate(result.sections) if s.view.substep is Substep.CORRECTION]
+    assert len(stepped) == result.counts.stepwise == 1
+    origins = np.array([s.T_b_g[:3, 3] for s in result.sections[stepped[0] :]])
+    assert np.linalg.norm(np.diff(origins, axis=0), axis=1).max() < 4.5e-3  # followed from there
 
 
 class StopsAt(Notes):

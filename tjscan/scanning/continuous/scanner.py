@@ -185,15 +185,15 @@ class ContinuousScanner(Scanner):
             if (ended := self._wait_for_permission()) is not None:
                 return ended
             why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
-            sections = self._log.sections
-            if len(planning_sections(sections)) == 1:  # the arm rests at the second taught pose,
-                # or before it, if its controller did not take the path there
+            sections, further = self._log.sections, asked or self._length > reached
+            before_second = self._length < self._second_length - LONGEST_GAP
+            if before_second and not (further and len(planning_sections(sections)) > 1):
                 self._scan_taught("second", self._taker.move_joint_to_pose(self._T_b_f_second))
                 length = self._second_length
-            elif asked or self._length > reached:
+            elif further:
                 if not asked:
                     self._log.record_event(ScanEvent.RETREAT, why)
-                if (ended := self._return_to_last_section()) is not None:
+                if (ended := self._ended_by(self._return_to_last_section)) is not None:
                     return ended
                 length = self._length
             else:
@@ -205,21 +205,11 @@ class ContinuousScanner(Scanner):
             path = self._standing(length)
             reached = length
 
-    def _return_to_last_section(self) -> ScanResult | None:
-        """Go back and see that the section is still there; the scan's result if that ends it."""
-        last = self._log.sections[-1].view
-        try:
-            self._check_last_section(self._taker.move_joint_to_pose(last.T_b_f, near=last.q))
-        except errors.PoseUnreachable as error:
-            return self._end_scan(StopReason.UNREACHABLE, str(error))
-        except errors.JointMoved as error:
-            return self._end_scan(StopReason.LOST, str(error))
-        return None
-
     def _standing(self, length: float) -> FollowedPath:
         """No path yet, from the section before which the arm stands."""
         state = self._setup.arm.state()
         self._length, self._planned_length = length, -np.inf
+        self._length_of[self._log.sections[-1].view.index] = length
         self._along_b = seam_direction(self._log.sections)
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, length)
         return FollowedPath.standing(state.q, length, state.time)
@@ -307,6 +297,8 @@ class ContinuousScanner(Scanner):
         view = replace(view, index=len(self._log.sections))
         section = sections_before.read_section(self._setup.read, view, wanted, before)
         sections_before.check_section_orientation(section.groove)
+        last, gone = self._log.sections[-1], length - self._length
+        sections_before.check_leads_on(section, last, self._along_b, gone)
         if len(before) > 1:
             last = before[-2]
             gone = length - self._length_of.get(last.view.index, length - PLANNING_SPACING)

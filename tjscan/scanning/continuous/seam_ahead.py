@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array, array_dataclass, unit_vector
@@ -68,53 +67,42 @@ def predict_seam(sections: Sections, plan: ScanPlan, farthest: float) -> SeamAhe
     seam = seam_fit.fit_tubes_to_sections(track)
     distances = np.arange(FIRST_DISTANCE, farthest + PREDICTION_SPACING, PREDICTION_SPACING)
     R_b_s, section = last.view.T_b_s[:3, :3], None
-    before = track.origins[-1]
-    origins, walls, angles = [], [], []
+    T_b_t, angles = [], []
     for distance in distances:
         ahead = ExpectedSection(track, seam, last.T_b_g, float(distance))
         if section is None:
             section = ahead.initial_section(R_b_s)
         else:
-            section = np.concatenate((section[:3] + (section[:3] - before), section[3:]))
-            before = origins[-1]
+            section[:3] += PREDICTION_SPACING * T_b_t[-1][:3, 0]
         try:
             for _ in range(NEWTON_STEPS):
                 section = ahead.after_newton_step(section, R_b_s)
+                wall, _ = wall_and_leg(section, R_b_s)
+                _, work_angle = ahead.ideal_frame_and_work_angle(section, R_b_s)
+                along = ahead.direction(section, R_b_s)
+                T = target_pose_along(along, -wall, section[:3])
+                R_b_s = T[:3, :3] @ plan.target_pose_in_sensor(work_angle)[:3, :3].T
         except np.linalg.LinAlgError as error:
             raise TubesNotFound("no section of the seam lies ahead") from error
-        wall, _ = wall_and_leg(section, R_b_s)
-        _, work_angle = ahead.ideal_frame_and_work_angle(section, R_b_s)
         covariance = ahead.covariance(section, R_b_s)
         if not np.isfinite(covariance).all() or max(np.diag(covariance)[1:3]) > LARGEST_SIGMA**2:
             break
-        T_s_t = plan.target_pose_in_sensor(work_angle)
-        T_b_t = target_pose_along(section[:3] - before, -wall, section[:3])
-        R_b_s = T_b_t[:3, :3] @ T_s_t[:3, :3].T
-        origins.append(section[:3])
-        walls.append(wall)
+        T_b_t.append(T)
         angles.append(work_angle)
-    if len(origins) < 2:
+    if len(T_b_t) < 2:
         raise TubesNotFound("the seam ahead is too unsure")
-    return _frames_along(np.array(origins), np.array(walls), np.array(angles), plan)
-
-
-def _frames_along(origins: Array, walls: Array, angles: Array, plan: ScanPlan) -> SeamAhead:
-    """Frames on a smooth curve through origins, x along it."""
-    chords = np.linalg.norm(np.diff(origins, axis=0), axis=1)
+    chords = np.linalg.norm(np.diff(np.array(T_b_t)[:, :3, 3], axis=0), axis=1)
     lengths = FIRST_DISTANCE + np.concatenate(([0.0], chords.cumsum()))
-    tangents = CubicSpline(lengths, origins)(lengths, 1)
-    T_b_t = np.array(
-        [target_pose_along(*row) for row in zip(tangents, -walls, origins, strict=True)]
-    )
     T_s_t = np.array([plan.target_pose_in_sensor(float(angle)) for angle in angles])
-    return SeamAhead(lengths, T_b_t, T_b_t @ np.linalg.inv(T_s_t))
+    return SeamAhead(lengths, np.array(T_b_t), np.array(T_b_t) @ np.linalg.inv(T_s_t))
 
 
 def seam_direction(sections: Sections) -> Array:
     """Direction of the groove at the last of two or more sections, unit vector.
 
-    Of parabolas through the ways of the last sections' corners, as surely as each is known; of
-    lines through few.
+    Of parabolas through the ways of the last sections' corners, each as far as it came along the
+    groove, as surely as they are known; of lines through short ways. Where the sensor turns, the
+    corners come less far, or further, than the sections' origins, which lie beside them.
     """
     last = sections[-seam_fit.MOST_RECENT_SECTIONS :]
     origins = np.array([section.T_b_g[:3, 3] for section in last])
@@ -125,10 +113,11 @@ def seam_direction(sections: Sections) -> Array:
     corners = np.array([section.points_b[1:4] for section in recent])
     covariances = np.array([section.groove.corner_covariances_s for section in recent])
     sigmas = np.sqrt(0.5 * np.trace(covariances, axis1=2, axis2=3) + seam_fit.ARM_REPEATABILITY**2)
-    degree = 2 if len(recent) > 2 and -along[near][0] >= BEND_LENGTH else 1
-    powers = np.vander(along[near], degree + 1, increasing=True)
-    slope = np.zeros(3)
+    onwards, slope = unit_vector(origins[-1] - origins[near][0]), np.zeros(3)
     for way, sigma in zip(corners.swapaxes(0, 1), sigmas.T, strict=True):
+        gone = (way - way[-1]) @ onwards
+        degree = 2 if len(recent) > 2 and np.ptp(gone) >= BEND_LENGTH else 1
+        powers = np.vander(gone, degree + 1, increasing=True)
         inverse = np.linalg.inv(powers.T @ (powers / sigma[:, None] ** 2))
         slope += (inverse @ powers.T @ (way / sigma[:, None] ** 2))[1] / inverse[1, 1]
     return unit_vector(slope)
