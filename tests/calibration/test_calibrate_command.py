@@ -27,9 +27,11 @@ from calibration_stage import (
 )
 from command import tjscan
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtri
 
 from tjscan.calibration.file import read_calibration
 from tjscan.core.frames import Array, inverse_pose, pose
+from tjscan.core.pose_vector import boxminus
 from tjscan.laser.profile import Profile
 
 OPENLMD = Path(__file__).resolve().parents[3] / "shared" / "data" / "openlmd-lines"
@@ -247,7 +249,7 @@ def test_keys_that_do_not_fit_together_are_refused(
         (["--noise.range-mm", "0"], ["range_mm", "greater than 0"]),
         (["--unattended"], ["--unattended have no meaning"]),
         (["--dry-run"], ["nothing moves", "--dry-run"]),
-        (["--arm"], ["solve.calibrate_arm"]),
+        (["--arm"], ["joint angles beside them"]),
         (["--board.lines", "6"], ["board"]),
         (["--resume", "runs/x"], ["either a job file, or --resume"]),
         (
@@ -474,3 +476,55 @@ def test_a_fixed_sensor_is_kept_in_the_base(tmp_path: Path) -> None:
     assert found.T_b_s_mm is not None
     off = np.array(found.T_b_s_mm)[:3, 3] - 1e3 * T_F_S[:3, 3]
     assert np.linalg.norm(off) < 4e3 * GOOD[0]
+
+
+def write_ball_files(folder: Path, unit: str = "mm") -> None:
+    """A recording with a file a profile, and poses without units."""
+    rng, scale = np.random.default_rng(21), {"mm": 1e3, "m": 1.0}[unit]
+    poses = BALL.poses(rng, 14, "ball")
+    for k, T in enumerate(poses, start=1):
+        profile = BALL.ball_profile(T, rng)
+        columns = scale * np.column_stack((profile.z_s, profile.x_s))
+        np.savetxt(folder / f"shot_{k}.csv", columns, delimiter=",", header="range,position")
+    rows = [(*(scale * T[:3, 3]), *Rotation.from_matrix(T[:3, :3]).as_quat()) for T in poses]
+    write_rows(folder / "robot.csv", ("x", "y", "z", "qx", "qy", "qz", "qw"), rows)
+
+
+@pytest.mark.parametrize("unit", ["mm", "m"])
+def test_a_folder_of_profiles_and_poses_is_calibrated_and_checked_without_a_job(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str
+) -> None:
+    """The tenth file is the tenth pose's; units and axes are assumed, and said."""
+    write_ball_files(tmp_path, unit)
+    run, words = tmp_path / "run", ("--target", "ball", "--radius-mm", 12.7)
+    assert (
+        tjscan("calibrate", tmp_path, *words, "--out", run, "--arm.id", "a", "--laser.id", "b") == 0
+    )
+    told = " ".join(capsys.readouterr().err.split())
+    for said in (f"{unit} is assumed", "column 2 is taken for x", "name the devices"):
+        assert (said in told) == (said != "name the devices")
+    found = read_calibration(run / "calibration.toml", arm="a", laser="b")
+    off = boxminus(T_F_S, found.T_f_s)
+    assert off @ np.linalg.solve(found.covariance_si, off) < chdtri(6, 1e-3)
+    assert np.linalg.norm(off[:3]) < GOOD[0]
+    assert tjscan("calibrate", tmp_path, *words, "--check", run / "calibration.toml") == 0
+
+
+def test_a_recording_without_a_job_is_asked_for_what_can_not_be_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_ball_files(tmp_path)
+
+    def refused(*words: object) -> str:
+        assert tjscan("calibrate", *words, "--out", tmp_path / "run") == 2
+        return " ".join(capsys.readouterr().err.split())
+
+    assert "--target ball, roof or plane" in refused(tmp_path)
+    (tmp_path / "again.csv").write_bytes((tmp_path / "robot.csv").read_bytes())
+    assert "(found: again.csv, robot.csv)" in refused(tmp_path, "--target", "ball")
+    (tmp_path / "again.csv").unlink()
+    (tmp_path / "robot.csv").unlink()
+    assert "--poses" in refused(tmp_path, "--target", "ball")
+    assert "nothing moves" in refused(tmp_path, "--target", "ball", "--unattended")
+    job = write_job(tmp_path, record(tmp_path, circle(30)) | KNOWN)
+    assert "--radius-mm" in refused(job, "--radius-mm", "3")

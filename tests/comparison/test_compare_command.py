@@ -12,6 +12,7 @@ import pytest
 import trimesh
 from cells import FAULTLESS, PAPER
 from command import tjscan
+from matplotlib.figure import Figure
 
 from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.errors import ConfigurationError
@@ -121,6 +122,23 @@ def test_the_picture_is_drawn_where_azimuths_are(run: Path, tmp_path: Path) -> N
     assert tjscan("compare", run, CAD, "--plot", picture, pictures=True) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert tjscan("compare", run, CAD, "--plot", tmp_path / "map.docx") == 2
+
+
+def test_the_hours_of_a_picture_are_where_they_are_on_the_clock(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of a part of the joint that is shorter than an hour."""
+    drawn: list[Figure] = []
+    keep = "tjscan.comparison.maps.write_deviation_map"
+    monkeypatch.setattr(keep, lambda _, figure: drawn.append(figure))
+    tjscan("compare", run, CAD, "--plot", tmp_path / "map.png", pictures=True)
+    axes = drawn[0].axes[0]
+    (clock,) = axes.child_axes
+    low, high = axes.get_xlim()
+    labels = [tick.get_text() for tick in clock.get_xticklabels()]
+    for hour, label in zip(clock.get_xticks(), labels, strict=True):
+        assert low <= 30 * hour <= high
+        assert hour % 12 == int(label) % 12
 
 
 def test_a_picture_that_cant_be_written_is_refused_before_anything_is_computed(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
@@ -338,3 +339,89 @@ def test_a_field_or_a_line_of_great_length_is_refused(tmp_path: Path, text: str)
     file.write_text(text)
     with pytest.raises(ConfigurationError, match="is no table of numbers"):
         read_profiles(file, ProfileFormat("mm", 0.5))
+
+
+V_MM = np.column_stack((np.linspace(-30, 30, 121), 230 + 8 * np.abs(np.sin(np.arange(121) / 19))))
+"""Points x, z of a profile."""
+
+
+def written(values: Array, header: str = "") -> str:
+    rows = [header] if header else []
+    return "\n".join([*rows, *(",".join(f"{v:.9g}" for v in row) for row in values)]) + "\n"
+
+
+@pytest.mark.parametrize("unit", METRES_PER_UNIT)
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("x,z", (0, 1)),
+        ("", (0, 1)),
+        ("", (1, 0)),
+        ("# z,x", (1, 0)),
+        ("range,position", (1, 0)),
+        ("# position, range", (0, 1)),
+        ("y,x", (0, 1)),
+    ],
+)
+def test_unit_and_axes_that_are_not_stated_are_assumed_and_said(
+    tmp_path: Path, unit: str, header: str, columns: tuple[int, int]
+) -> None:
+    numbers = V_MM[:, columns] * 1e-3 / METRES_PER_UNIT[unit] + 1e-7
+    table = read_profiles(write(tmp_path, written(numbers, header)), ProfileFormat())
+    (profile,) = table.profiles.values()
+    np.testing.assert_allclose(1e3 * profile.points_s[:, [0, 2]], V_MM, atol=1e-3)
+    assert any(f"{unit} is assumed" in note for note in table.notes)
+
+
+@pytest.mark.parametrize("scale", [6e-5, 0.05, 2.0, 50.3, 40_000.0])
+def test_no_unit_is_assumed_that_would_be_wrong(tmp_path: Path, scale: float) -> None:
+    """Widths between those of two units; whole numbers, which may count anything."""
+    numbers = V_MM * scale
+    numbers = np.round(numbers) if scale == 2.0 else numbers
+    with pytest.raises(ConfigurationError, match="--units"):
+        read_profiles(write(tmp_path, written(numbers, "x,z")), ProfileFormat())
+
+
+def test_two_columns_that_step_one_way_are_not_told_apart(tmp_path: Path) -> None:
+    text = written(np.column_stack((V_MM[:, 0], 230 + 0.3 * V_MM[:, 0])), "left,right")
+    with pytest.raises(ConfigurationError, match="x_mm and z_mm"):
+        read_profiles(write(tmp_path, text), ProfileFormat())
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npy"])
+def test_a_first_row_of_even_steps_is_where_the_columns_are(tmp_path: Path, suffix: str) -> None:
+    rows = np.vstack((V_MM[:, 0], V_MM[:, 1], V_MM[::-1, 1]))
+    file = tmp_path / f"rows.{suffix}"
+    np.save(file, rows) if suffix == "npy" else file.write_text(written(rows))
+    table = read_profiles(file, ProfileFormat())
+    assert list(table.profiles) == ["row 2", "row 3"]
+    np.testing.assert_allclose(1e3 * table.profiles["row 2"].points_s[:, [0, 2]], V_MM, atol=1e-6)
+    heights = write(tmp_path, written(rows[1:]), "heights.csv")
+    with pytest.raises(ConfigurationError, match="--pitch"):
+        read_profiles(heights, ProfileFormat())
+
+
+@pytest.mark.parametrize("suffix", ["ply", "npy", "csv"])
+def test_profiles_one_behind_the_other_are_told_apart_by_y(tmp_path: Path, suffix: str) -> None:
+    points = np.vstack([np.insert(V_MM, 1, y, axis=1) for y in (-2.5, 0.0, 7.0)])
+    file = tmp_path / f"points.{suffix}"
+    if suffix == "npy":
+        np.save(file, points)
+    elif suffix == "csv":
+        file.write_text(written(points, "x,y,z"))
+    else:
+        trimesh.PointCloud(points).export(file)
+    table = read_profiles(file, ProfileFormat())
+    assert list(table.profiles) == ["y -2.5", "y 0", "y 7"]
+    for profile in table.profiles.values():
+        np.testing.assert_allclose(1e3 * profile.points_s[:, [0, 2]], V_MM, atol=1e-4)
+    np.save(tmp_path / "cloud.npy", points + np.random.default_rng(0).normal(size=points.shape))
+    with pytest.raises(ConfigurationError, match="planes of one y"):
+        read_profiles(tmp_path / "cloud.npy", ProfileFormat())
+
+
+def test_files_of_a_folder_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for number in (10, 9, 1):
+        write(tmp_path, f"{HEIGHTS}\n", f"scan_{number}.csv")
+    names = [name.split()[0] for name in read_profiles(tmp_path, MATRIX).profiles]
+    assert names == ["scan_1.csv", "scan_9.csv", "scan_10.csv"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -93,8 +93,7 @@ ORIENTATION_CONVENTIONS: Final = (
 )
 """Distinguished by the names of their columns."""
 
-_MARKED_HEADER: Final = re.compile(r"^\s*#\s*(?=.*\bx\w*[\s,;]+y)", re.MULTILINE | re.IGNORECASE)
-"""The mark of a comment before the names of columns."""
+_FILE_NUMBER: Final = re.compile(r"(\d+)\D*\.[A-Za-z]+$")
 _FANUC_POSITION: Final = re.compile(r"P\[(\d+)[^\]]*\]\s*\{(.*?)\}\s*;", re.DOTALL)
 _FANUC_GROUP: Final = re.compile(r"GP\d+\s*:")
 _FANUC_FRAMES: Final = re.compile(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)")
@@ -189,6 +188,8 @@ ARM_PROGRAM_READERS: Final = {
     ".dat": (poses_of_kuka_data, KUKA_CONVENTION),
 }
 """Files of arms that are no tables, by how their names end."""
+POSE_FILE_SUFFIXES: Final = (".csv", ".txt", ".tsv", *ARM_PROGRAM_READERS)
+"""How names of files of poses end."""
 
 
 Columns = list[tuple[int, float]]
@@ -244,10 +245,16 @@ def read_flange_poses(file: Path) -> FlangePoseList:
             return FlangePoseList(poses, all(map(str.isdigit, poses)), convention.meaning)
         names, table = _read_table(file)
         convention, orientation = _find_orientation_columns(names)
-        position = _find_position_columns(names, convention.length_unit)
+        meaning, unit = convention.meaning, convention.length_unit
+        bare = None if unit else _find_columns(names, "xyz", {})
+        if bare is not None:
+            places = (_values_of_row(table, row, bare) for _, row in table.rows)
+            unit = next(iter(_plausible_units(places)), "")
+            meaning += f"; {unit or 'no unit'} is assumed for x, y and z, as far as arms reach"
+        position = _find_position_columns(names, unit)
         joints = _find_joint_columns(names)
         key_at = next((names.index(name) for name in PROFILE_COLUMNS if name in names), None)
-        found = FlangePoseList({}, key_at is not None, convention.meaning)
+        found = FlangePoseList({}, key_at is not None, meaning)
         for number, (_, row) in enumerate(table.rows, start=1):
             key = str(number) if key_at is None else _normalise_number(row[key_at])
             if key in found.T_b_f:
@@ -267,15 +274,12 @@ def read_flange_poses(file: Path) -> FlangePoseList:
 
 def _other_readings(numbers: Mapping[str, Array]) -> dict[str, dict[str, Array]]:
     """Poses that numbers of a file mean, by what to write: of each position and orientation."""
-    away = float(np.median([np.linalg.norm(one[:3]) for one in numbers.values()]))
+    possible = _plausible_units(one[:3] for one in numbers.values())
     found: dict[str, dict[str, Array]] = {}
-    for unit, metres in METRES_PER_UNIT.items():
-        nearest, farthest = PLAUSIBLE_REACH
+    for unit, metres in possible.items():
         for convention in ORIENTATION_CONVENTIONS:
             count = len(convention.columns)
-            if not nearest < metres * away < farthest or any(
-                len(one) != 3 + count for one in numbers.values()
-            ):
+            if any(len(one) != 3 + count for one in numbers.values()):
                 continue
             for angle, radians in (RADIANS_PER_UNIT if count == 3 else {"": 1.0}).items():
                 columns = (
@@ -288,6 +292,13 @@ def _other_readings(numbers: Mapping[str, Array]) -> dict[str, dict[str, Array]]
                         for key, one in numbers.items()
                     }
     return found
+
+
+def _plausible_units(positions: Iterable[Array]) -> dict[str, float]:
+    """Metres per unit, by its name, of units in which an arm reaches so far: one or none."""
+    away = float(np.median([np.linalg.norm(one) for one in positions]))
+    nearest, farthest = PLAUSIBLE_REACH
+    return {u: m for u, m in METRES_PER_UNIT.items() if nearest < m * away < farthest}
 
 
 def read_points_in_base_frame(file: Path) -> Array:
@@ -326,7 +337,7 @@ def pair_profiles_with_poses(
     ConfigurationError
         If one lacks its counterpart.
     """
-    keys = [_normalise_number(name.split()[-1]) for name in profiles]
+    keys = [_normalise_number(_number_in_name(name)) for name in profiles]
     if not poses.with_key:
         if len(profiles) != len(poses.T_b_f):
             raise ConfigurationError(
@@ -346,13 +357,19 @@ def pair_profiles_with_poses(
     ]
 
 
+def _number_in_name(name: str) -> str:
+    """The last word of a profile's name, or the last number of the file that it is alone in."""
+    found = _FILE_NUMBER.search(name)
+    return name.split()[-1] if found is None else found[1]
+
+
 def _read_text(file: Path, errors: str = "strict") -> str:
     return read_small_file(file, MAX_POSE_LIST_BYTES, "a list of poses").decode("utf-8-sig", errors)
 
 
 def _read_table(file: Path) -> tuple[list[str], TextTable]:
     """Lower-case names of the header, and the rows below it, of as many cells."""
-    table = parse_text_table(_MARKED_HEADER.sub("", _read_text(file), count=1))
+    table = parse_text_table(_read_text(file))
     if len(table.rows) < 2:
         raise ValueError("holds nothing below a header")
     (_, header), *rows = table.rows

@@ -244,18 +244,23 @@ def _read_profile_set(
 ) -> tuple[list[PosedProfile], str, dict[str, list[Array]]]:
     """Profiles with their poses, how the poses were read, and how they might have been meant."""
     # Heights count as they are: the origin of the sensor is calibrated.
-    form = ProfileFormat(table.units, table.pitch, table.invalid, z_offset=0.0)
     profiles, poses = folder / table.profiles, folder / table.poses
+    others = tuple(Path(name).name for name in (table.poses, table.touched or ""))
+    form = ProfileFormat(
+        table.units, table.pitch, table.invalid, table.z_scale, z_offset=0.0, other_files=others
+    )
     read = read_profiles(profiles, form)
+    for note in read.notes:
+        report(f"{profiles}: {note}")
     for bad in read.bad:
         leave_out(f"{profiles}: {bad}; left out")
     found = pose_files.read_flange_poses(poses)
     report(f"{poses}: {len(found.T_b_f)} poses, read as {found.convention}")
-    shots, *others = (
+    shots, *alike = (
         pose_files.pair_profiles_with_poses(read.profiles, replace(found, T_b_f=T), poses)
         for T in (found.T_b_f, *found.others.values())
     )
-    other_poses = [[shot.T_b_f for shot in other] for other in others]
+    other_poses = [[shot.T_b_f for shot in other] for other in alike]
     return shots, found.convention, dict(zip(found.others, other_poses, strict=True))
 
 

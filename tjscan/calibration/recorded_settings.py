@@ -17,7 +17,8 @@ class RecordedSettings(SettingsTable):
     Parameters
     ----------
     profiles : str
-        File of the profiles: CSV with columns x, z and profile, or with a profile per row.
+        File of the profiles: CSV with columns x, z and profile, or with a profile per row; or a
+        folder of such files.
     poses : str
         File of their flange poses: CSV with position and orientation, or an arm's program.
     target : str
@@ -34,6 +35,9 @@ class RecordedSettings(SettingsTable):
         Distance of the columns of a matrix, in that unit.
     invalid : tuple of float
         Values that mark a missing point, beside NaN and an empty cell.
+    z_scale : float
+        What one of the heights' numbers is in that unit; negative where heights grow towards the
+        sensor.
     """
 
     profiles: str
@@ -45,6 +49,7 @@ class RecordedSettings(SettingsTable):
     units: Literal["mm", "um", "m"] | None = None
     pitch: float | None = None
     invalid: Annotated[tuple[float, ...], LIST_OR_WORD_IN_FILE] = ()
+    z_scale: float = 1.0
 
     def __post_init__(self) -> None:
         if self.target != "plane" and (self.plane is not None or self.touched is not None):

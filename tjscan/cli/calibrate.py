@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tjscan.cli.options.shared import CalibrationMode, JobKeys, LiveOptions, parse_overrides
+from tjscan.cli.options.shared import (
+    CalibrationMode,
+    JobKeys,
+    LiveOptions,
+    RecordedOptions,
+    parse_overrides,
+)
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -18,29 +25,28 @@ def calibrate(
     station: str | None = None,
     out: Path | None = None,
     resume: Path | None = None,
-    check: Path | None = None,
     json: bool = False,
     mode: CalibrationMode | None = None,
+    recorded: RecordedOptions | None = None,
     page: LiveOptions | None = None,
 ) -> None:
     """Find the pose of the sensor on the flange, in the cell of a job or from recorded profiles.
 
     Every key of the job file is an option too: ``--board.lines 16``. A job with tables
-    ``[[recorded]]`` computes from recorded profiles, and moves nothing.
+    ``[[recorded]]`` computes from recorded profiles, and moves nothing; so does a file or folder of
+    profiles in place of a job, with the file of the flange's poses beside them.
 
     Parameters
     ----------
     job
-        The job file (TOML) of the cell to calibrate, or of recorded profiles.
+        The job file (TOML) of the cell to calibrate, or of recorded profiles; or these
+        themselves, as ``tjscan groove`` reads them.
     station
         The station of the arm, of a job with several stations.
     out
         The directory to make; ``runs/JOB-DATE`` if left out.
     resume
         Go on with a calibration that was interrupted, in the directory it made.
-    check
-        Check this calibration.toml on the recorded profiles of the job, a few new ones; make none.
-        Ends with 1 if it does not hold.
     json
         Print the calibration as JSON on stdout.
     """
@@ -63,27 +69,32 @@ def calibrate(
         if mode.arm or mode.dry_run or out is not None:
             raise ConfigurationError("--resume goes on as it was begun: no --arm, --dry-run, --out")
         parsed = files.read_calibration_job(file)
-    elif files.has_recorded_profiles(file):
-        if mode != CalibrationMode() or station is not None or page.live:
+    elif files.is_recording(file) or files.has_recorded_profiles(file):
+        if (
+            mode != replace(CalibrationMode(), arm=mode.arm, check=mode.check)
+            or station
+            or page.live
+        ):
             raise ConfigurationError(
-                "has [[recorded]] profiles, so nothing moves: --dry-run, --live, --station and "
-                "--unattended have no meaning, and --arm is the key solve.calibrate_arm",
+                "has recorded profiles, so nothing moves: --dry-run, --live, --station and "
+                "--unattended have no meaning",
                 file=file,
             )
-        parsed = files.read_recorded_job(file, keys)
+        keys |= {"solve.calibrate_arm": True} if mode.arm else {}
+        parsed = _parse_recorded_job(file, recorded or RecordedOptions(), keys)
     else:
         with add_file_to_errors(file):
             parsed = files.read_calibration_job(file, keys).job_at_station(station)
         if mode.dry_run and (mode.arm or out is not None):
             raise ConfigurationError("--dry-run plans the lines of a job: no --out, no --arm")
-    if check is not None:
+    if mode.check is not None:
         if not isinstance(parsed, files.RecordedJob) or out is not None or json:
             raise ConfigurationError(
                 "--check takes a job with [[recorded]], and no --out or --json"
             )
         from tjscan.cli.output.calibration import print_calibration_check
 
-        print_calibration_check(check, parsed, file.parent)
+        print_calibration_check(mode.check, parsed, file.parent)
         return
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.output.calibration import calibrate_and_print, print_job_check
@@ -93,3 +104,17 @@ def calibrate(
     else:
         again = resume is not None
         calibrate_and_print(parsed, file, out, page, mode, resume=again, json=json)
+
+
+def _parse_recorded_job(file: Path, options: RecordedOptions, keys: dict[str, Any]) -> RecordedJob:
+    from tjscan.job import files
+
+    if files.is_recording(file):
+        return files.recorded_job_of_files(file, options.stated, keys)
+    if options.stated:
+        raise ConfigurationError(
+            "states its recordings itself, by keys of [[recorded]]: leave out --"
+            + ", --".join(options.stated).replace("_", "-"),
+            file=file,
+        )
+    return files.read_recorded_job(file, keys)

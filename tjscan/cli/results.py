@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from cyclopts import Parameter
 
-from tjscan.cli.options.shared import PageOptions
+from tjscan.cli.options.shared import PageOptions, ProfileFileOptions
 from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.signals import wait_for_ctrl_c
@@ -18,35 +18,6 @@ from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 if TYPE_CHECKING:
     from tjscan.groove.settings import GrooveSettings
     from tjscan.laser.files.format import FileProfiles
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProfileFileOptions:
-    """How the numbers of a profile file are read.
-
-    Parameters
-    ----------
-    units
-        Unit of length, if the names of the columns do not state it.
-    pitch
-        Distance of the columns of a matrix, or of points without an x, in that unit.
-    invalid
-        A value that means no point, beside NaN, an empty cell, and 0 if it is far from all other
-        heights.
-    z_scale
-        What one of the heights' numbers is in that unit; 1. Negative where heights grow towards
-        the sensor.
-    z_offset
-        Distance from the sensor, in that unit, where the file's height is 0. If left out,
-        heights of either sign count from a mid-range 240 mm from the sensor.
-    """
-
-    units: Literal["mm", "um", "m"] | None = None
-    pitch: float | None = None
-    invalid: list[float] | None = None
-    z_scale: float = 1.0
-    z_offset: float | None = None
 
 
 @Parameter(name="*")

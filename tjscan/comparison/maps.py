@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from tjscan.comparison.distance import DeviationDistances
 from tjscan.comparison.shapes import Shape
@@ -142,8 +141,9 @@ def deviation_map_figure(
     in_hours = (lambda degrees: degrees / 30, lambda hours: 30 * hours)
     clock: Any = axes.secondary_xaxis("top", functions=in_hours)
     clock.set_xlabel("clock position, 12 at the crown")
-    clock.xaxis.set_major_locator(MaxNLocator(integer=True))
-    clock.xaxis.set_major_formatter(lambda hour, _: f"{round(hour) % 12 or 12}")
+    first, last = np.divide(axes.get_xlim(), 30)
+    hours = np.arange(np.ceil(first), np.floor(last) + 1)  # of which there may be one, or none
+    clock.set_xticks(hours, [f"{hour % 12 or 12:.0f}" for hour in hours])
     axes.set_ylabel(label)
     # Names of files are no formulas.
     axes.set_title(f"{deviation.kind}: {measured.name} and {reference.name}", parse_math=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Self, TypeVar, cast
@@ -11,6 +12,7 @@ import numpy as np
 from annotated_types import MaxLen, MinLen
 
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.pose_files import POSE_FILE_SUFFIXES, read_flange_poses
 from tjscan.calibration.recorded_settings import RecordedSettings, SolveSettings
 from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.devices import DriverKind
@@ -21,6 +23,7 @@ from tjscan.groove.settings import GROOVE_MODELS, GrooveSettings
 from tjscan.job import surroundings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.reading import casefolded_name, read_job, replace_keys
+from tjscan.laser.files.read import PROFILE_SUFFIXES
 from tjscan.laser.model import LaserModel
 from tjscan.scanning.plan import ScanPlan
 
@@ -286,6 +289,61 @@ def read_acceptance_job(file: Path, overrides: dict[str, Any] | None = None) -> 
 def read_recorded_job(file: Path, overrides: dict[str, Any] | None = None) -> RecordedJob:
     """Read the job of a calibration from recorded profiles; see `read_job`."""
     return read_located_job(RecordedJob, file, overrides)
+
+
+def recorded_job_of_files(
+    recording: Path, table: dict[str, Any], overrides: dict[str, Any]
+) -> RecordedJob:
+    """The job of a recording that has none.
+
+    Parameters
+    ----------
+    recording : Path
+        Profiles of one target, in a file or a folder; flange poses are in a file beside them.
+    table : dict
+        Keys of the table [[recorded]]; without poses, the one file of poses is found.
+    overrides : dict
+        Further keys of the job, dotted.
+
+    Raises
+    ------
+    ConfigurationError
+        If the target is not stated, no file or several hold poses, or a key is wrong.
+    """
+    if "target" not in table:
+        raise ConfigurationError(
+            "what do these profiles show? --target ball, roof or plane; the radius of a ball is "
+            "checked if it is stated: --radius-mm",
+            file=recording,
+        )
+    folder = recording if recording.is_dir() else recording.parent
+    if folder == recording or "poses" not in table:
+        found = [file for file in sorted(folder.iterdir()) if _holds_poses(file, recording)]
+        named = f" (found: {', '.join(file.name for file in found[:8])})" * bool(found)
+        if len(found) > 1 or not (found or "poses" in table):
+            raise ConfigurationError(
+                f"which file holds the flange's poses, one for each profile?{named} State it with "
+                "--poses, and one set's profiles by their own file or folder",
+                file=folder,
+            )
+        table = {"poses": str(found[0])} | table if found else table
+    paths = {k: str(Path(table[k]).absolute()) for k in ("poses", "touched") if k in table}
+    data = {"recorded": [table | paths | {"profiles": str(recording.absolute())}]}
+    replace_keys(data, overrides)
+    return validate_table(RecordedJob, data)
+
+
+def _holds_poses(file: Path, recording: Path) -> bool:
+    if file == recording or file.suffix.lower() not in POSE_FILE_SUFFIXES:
+        return False
+    with suppress(ConfigurationError):
+        return bool(read_flange_poses(file).T_b_f)
+    return False
+
+
+def is_recording(file: Path) -> bool:
+    """Whether these are profiles themselves, by name, and no job."""
+    return file.is_dir() or file.suffix.lower() in PROFILE_SUFFIXES
 
 
 def has_recorded_profiles(file: Path) -> bool:

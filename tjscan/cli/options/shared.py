@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
 
@@ -92,6 +92,76 @@ class LiveOptions(PageOptions):
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileNumberOptions:
+    """What the numbers of a profile file mean.
+
+    Parameters
+    ----------
+    units
+        Unit of length, if the names of the columns do not state it. Left out, the one in which the
+        profiles are as wide as a line laser's is assumed.
+    pitch
+        Distance of the columns of a matrix, or of points without an x, in that unit.
+    invalid
+        A value that means no point, beside NaN, an empty cell, and 0 if it is far from all other
+        heights.
+    z_scale
+        What one of the heights' numbers is in that unit; 1. Negative where heights grow towards
+        the sensor.
+    """
+
+    units: Literal["mm", "um", "m"] | None = None
+    pitch: float | None = None
+    invalid: list[float] | None = None
+    z_scale: float = 1.0
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileFileOptions(ProfileNumberOptions):
+    """How the numbers of a profile file are read.
+
+    Parameters
+    ----------
+    z_offset
+        Distance from the sensor, in that unit, where the file's height is 0. If left out,
+        heights of either sign count from a mid-range 240 mm from the sensor.
+    """
+
+    z_offset: float | None = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedOptions(ProfileNumberOptions):
+    """A recording of one target, without a job.
+
+    Parameters
+    ----------
+    target
+        What recorded profiles show.
+    radius_mm
+        Radius of a ball; found if left out.
+    touched
+        File of points touched on a plane.
+    poses
+        File of the flange's poses, if there are several beside the profiles.
+    """
+
+    target: Literal["ball", "roof", "plane"] | None = None
+    radius_mm: float | None = None
+    touched: Path | None = None
+    poses: Path | None = None
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """Those that were stated, as keys of a table [[recorded]]."""
+        own = {k: v for k, v in asdict(self).items() if v != getattr(RecordedOptions(), k)}
+        return {k: str(v) if isinstance(v, Path) else v for k, v in own.items()}
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationMode:
     """What is calibrated, and whether anything moves or is asked.
 
@@ -104,11 +174,15 @@ class CalibrationMode:
         Check the job and plan its lines on the board that it states; connect, but move nothing.
     unattended
         Ask nothing; for a simulated cell.
+    check
+        Check this calibration.toml on recorded profiles, a few new ones; make none. Ends with 1 if
+        it does not hold.
     """
 
     arm: bool = False
     dry_run: bool = False
     unattended: bool = False
+    check: Path | None = None
 
 
 @Parameter(name="*")

@@ -41,6 +41,8 @@ class ProfileFormat:
     z_offset : float, optional
         Distance from the sensor, in that unit, of a height of zero. Without it
         heights of either sign count from `ASSUMED_MID_RANGE`.
+    other_files : tuple of str
+        Files of a folder that hold other things than profiles.
     """
 
     unit: str | None = None
@@ -48,6 +50,7 @@ class ProfileFormat:
     invalid: tuple[float, ...] = ()
     z_scale: float = 1.0
     z_offset: float | None = None
+    other_files: tuple[str, ...] = ()
 
 
 @dataclass(slots=True)
@@ -63,11 +66,14 @@ class FileProfiles:
         What could not be read, and why.
     notes : list of str
         What was taken for granted.
+    assumed_units : set of str
+        Units that were assumed.
     """
 
     profiles: dict[str, Profile] = field(default_factory=dict)
     bad: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    assumed_units: set[str] = field(default_factory=set)
 
 
 MIN_CHECKED_HEIGHTS: Final = 20
@@ -78,6 +84,12 @@ INVALID_CODE_DISTANCE_RATIO: Final = 10.0
 
 SMALLEST_SPAN, LARGEST_SPAN = 2e-4, 10.0
 """Metres that a profile spans: less or more is a mistaken unit."""
+
+PLAUSIBLE_WIDTH: Final = (4e-3, 2.0)
+"""Metres that the profile of a line laser is wide, from and to: no two units fit."""
+
+SMALLEST_DISTANCE, LARGEST_DISTANCE = 1e-3, 3.0
+"""Metres that what a line laser sees is from it, or from the middle of its range."""
 
 MOST_HEIGHT_OVER_WIDTH: Final = 5.0
 """Range of heights over width of a profile: more is a mistaken scale or pitch."""
@@ -147,17 +159,38 @@ def without_invalid_codes(values: Array, invalid: Sequence[float]) -> Array:
     return np.where(np.isin(values, invalid), np.nan, values)
 
 
-def metres_per_number(file: Path, unit: str | None, what: str) -> float:
-    """Metres of one of a file's numbers.
+def metres_per_number(
+    x: Array, heights: Array, form: ProfileFormat, table: FileProfiles, what: str
+) -> float:
+    """Metres of one of a file's numbers, as stated, or as lasers are wide and far away.
+
+    Whole numbers may be a sensor's counts, of any length: their unit has to be stated.
 
     Raises
     ------
     ConfigurationError
-        If its unit is stated nowhere.
+        If its unit is not stated, and none or several are plausible.
     """
-    if unit is None:
-        raise ConfigurationError(f"{what} needs its unit: --units mm, um or m", file=file)
-    return METRES_PER_UNIT[unit]
+    if form.unit is not None:
+        return METRES_PER_UNIT[form.unit]
+    x, z = (without_invalid_codes(values, form.invalid).ravel() for values in (x, heights))
+    z = form.z_scale * z[np.isfinite(z) & (z != 0)]
+    if not len(z):
+        return 1.0  # of no point
+    if np.isfinite(x).any():
+        low, high = np.nanpercentile(x, (1, 99))
+        nearest, farthest = np.percentile(z, (1, 99))
+        counts = form.z_scale == 1 and bool(np.all(z == np.round(z)))
+        for unit, metres in METRES_PER_UNIT.items():
+            wide = PLAUSIBLE_WIDTH[0] <= metres * (high - low) <= PLAUSIBLE_WIDTH[1]
+            far = metres * max(-nearest, farthest) <= LARGEST_DISTANCE
+            near = nearest > 0 and metres * nearest < SMALLEST_DISTANCE
+            if wide and far and not near and not counts:
+                table.assumed_units.add(unit)
+                return metres
+    raise ConfigurationError(
+        f"{what} needs its unit: --units mm, um or m; whole numbers may also be counts of --z-scale"
+    )
 
 
 def check_unit(file: Path, profiles: Iterable[Profile]) -> None:

@@ -35,6 +35,8 @@ MOST_TABLE_CELLS: Final = 3_000_000
 """Of a table: some two thousand profiles. Each takes a hundred bytes while it is read."""
 
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_BRACKETED_REMARK: Final = re.compile(r"\s*\([^()]*\s[^()]*\)\s*$")
+"""Words between brackets behind the names of columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,9 @@ class TextTable:
 def parse_text_table(text: str) -> TextTable:
     """Parse a table: cells between commas, semicolons, tabs or blanks; ``#`` begins a comment.
 
+    A comment just above the numbers that names as many columns, one of them x, y or z, counts as
+    their header.
+
     Raises
     ------
     csv.Error
@@ -85,7 +90,18 @@ def parse_text_table(text: str) -> TextTable:
     separator = _find_separator([line for _, line in lines[:SEPARATOR_SAMPLE_LINES]])
     rows = tuple(_split_cells(lines, separator))
     cells = [cell for _, row in rows[:SEPARATOR_SAMPLE_LINES] for cell in row]
-    return TextTable(rows, separator != "," and any(map(_DECIMAL_COMMA.fullmatch, cells)))
+    table = TextTable(rows, separator != "," and any(map(_DECIMAL_COMMA.fullmatch, cells)))
+    above = (
+        _BRACKETED_REMARK.sub("", text.splitlines()[rows[0][0] - 2])
+        if rows and rows[0][0] > 1
+        else ""
+    )
+    if above.startswith(COMMENT_MARK) and None not in table.parse_numbers(rows[0][1]):
+        (named,) = _split_cells([(rows[0][0] - 1, above.lstrip(f"{COMMENT_MARK} "))], separator)
+        names = [cell.lower() for cell in named[1]]
+        if len(names) == len(rows[0][1]) and any(_match_axis(name, "xyz") for name in names):
+            return replace(table, rows=(named, *rows))
+    return table
 
 
 def _find_separator(lines: list[str]) -> str | None:
@@ -183,12 +199,17 @@ def _section_title(row: list[str]) -> str:
     return full[0].lower() if len(full) == 1 else ""
 
 
-OFF_PLANE_TOLERANCE: Final = 1e-6
-"""Metres that a point of a profile may be off the laser plane."""
+OFF_PLANE_SHARE: Final = 1e-6
+"""Of the largest coordinate, that a point of a profile may be off the laser plane."""
+
+MIN_POINTS_OF_ONE_Y: Final = 20
+"""Fewer points a plane y are not profiles one behind the other, but any cloud."""
+
+POINT_COORDINATES: Final = 3
 
 
 def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
-    """Heights, shape (n,) or (m, n), or points x and z, shape (n, 2) or (m, n, 2)."""
+    """Heights, shape (n,) or (m, n), or points x, z, (n, 2) or (m, n, 2), or x, y, z, (n, 3)."""
     try:
         # Mapped, an array has no more elements than its file holds.
         found = np.lib.format.open_memmap(file, mode="r")
@@ -203,11 +224,15 @@ def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
     names = [f"row {i + 1}" for i in range(len(values))]
     if values.ndim == 1:
         add_matrix_profiles(file, table, [file.name], values[None], form)
+    elif values.ndim == 2 and values.shape[1] == POINT_COORDINATES < len(values):
+        add_points(file, table, values, form)
     elif values.ndim == 2 and values.shape[1] != 2:
         add_matrix_profiles(file, table, names, values, form)
     elif values.ndim in (2, 3) and values.shape[-1] == 2:
-        scale = file_format.metres_per_number(file, form.unit, "an array")
         several = values if values.ndim == 3 else values[None]
+        scale = file_format.metres_per_number(
+            several[..., 0], several[..., 1], form, table, "an array"
+        )
         z = file_format.heights_from_sensor(several[..., 1], scale, form, table)
         x = scale * file_format.without_invalid_codes(several[..., 0], form.invalid)
         for i, name in enumerate(names if values.ndim == 3 else [file.name]):
@@ -218,46 +243,78 @@ def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
 
 
 def read_ply_profile(file: Path, form: ProfileFormat) -> FileProfiles:
-    """The profile that a PLY holds, its points in the plane y = 0.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no PLY with points, or they are off that plane.
-    """
-    scale = file_format.metres_per_number(file, form.unit, "a PLY")
+    """The profiles that a PLY holds; raises as `add_points` does, or if it is no PLY."""
     try:
         points, _ = read_mesh_file(file)
     except ConfigurationError:
         raise
     except Exception as error:  # trimesh raises whatever its parser stumbles on
         raise ConfigurationError(f"is no PLY with points: {error}", file=file) from None
-    if len(points) and not np.nanmax(np.abs(scale * points[:, 1])) <= OFF_PLANE_TOLERANCE:
-        message = "its points are off the plane y = 0, so it is no profile in a sensor's frame"
-        raise ConfigurationError(message, file=file)
     table = FileProfiles()
-    z_s = file_format.heights_from_sensor(points[:, 2], scale, form, table)
-    table.profiles[file.name] = file_format.profile_of_columns(scale * points[:, 0], z_s)
+    add_points(file, table, np.asarray(points), form)
     return table
+
+
+def add_points(file: Path, table: FileProfiles, points: Array, form: ProfileFormat) -> None:
+    """Add the profiles of points x, y, z, shape (n, 3), each in a plane of its own y.
+
+    Raises
+    ------
+    ConfigurationError
+        If they are of no profiles in a sensor's frame.
+    """
+    points = file_format.without_invalid_codes(points, form.invalid)
+    (x, y, z), names = points.T, [file.name]
+    groups = np.zeros(len(points), dtype=int)
+    if np.nanmax(np.abs(y), initial=0.0) > OFF_PLANE_SHARE * np.nanmax(np.abs(points), initial=0.0):
+        at, groups = np.unique(y, return_inverse=True)
+        names = [f"y {value:g}" for value in at]
+        if len(points) < MIN_POINTS_OF_ONE_Y * len(at):
+            raise ConfigurationError(
+                "its points are off the plane y = 0, and not in planes of one y each: it holds no "
+                "profiles in a sensor's frame"
+            )
+    scale = file_format.metres_per_number(x, z, form, table, "a cloud of points")
+    z_s = file_format.heights_from_sensor(z, scale, form, table)
+    for k, name in enumerate(names):
+        own = groups == k
+        table.profiles[name] = file_format.profile_of_columns(scale * x[own], z_s[own])
 
 
 def add_matrix_profiles(
     file: Path, table: FileProfiles, names: Sequence[str], heights: Array, form: ProfileFormat
 ) -> None:
-    """Add profiles of heights, shape (m, n), at columns a pitch apart, x = 0 in the middle."""
-    scale = file_format.metres_per_number(file, form.unit, "a matrix of profiles")
-    x = scale * x_of_columns(file, heights.shape[1], form, "a matrix of profiles")
+    """Add profiles of heights, shape (m, n), at columns a pitch apart, x = 0 in the middle.
+
+    Without a pitch, a first row of even steps, unlike all others, holds the columns' x.
+    """
+    even = list(map(_is_evenly_spaced, heights)) if form.pitch is None else []
+    if even[:1] == [True] and not any(even[1:]):
+        table.notes.append(f"{names[0]} steps evenly: it holds the columns' x, and is no profile")
+        x, heights, names = heights[0], heights[1:], names[1:]
+    else:
+        x = x_of_columns(file, heights.shape[1], form, "a matrix of profiles")
+    scale = file_format.metres_per_number(x, heights, form, table, "a matrix of profiles")
     z = file_format.heights_from_sensor(heights, scale, form, table)
     for name, row in zip(names, z, strict=True):
-        table.profiles[name] = file_format.profile_of_columns(x, row)
+        table.profiles[name] = file_format.profile_of_columns(scale * x, row)
+
+
+def _is_evenly_spaced(row: Array) -> bool:
+    """Whether numbers step by the same, to a hundredth or the rounding of two digits."""
+    steps = np.diff(row)
+    return len(row) >= FEWEST_NUMBERED_COLUMNS and bool(
+        steps[0] != 0 and np.all(np.abs(steps - steps.mean()) < 0.1 * abs(steps.mean()))
+    )
 
 
 def x_of_columns(file: Path, count: int, form: ProfileFormat, what: str) -> Array:
     """X of columns a pitch apart, in the file's unit."""
     if form.pitch is None:
         raise ConfigurationError(
-            f"{what} needs the distance of its columns: --pitch. If its rows are points, name "
-            "the columns in a first line: x_mm,z_mm",
+            f"{what} needs the distance of its columns: --pitch, the width of a profile over its "
+            f"{count - 1} steps. If its rows are points, name the columns in a first line: "
+            "x_mm,z_mm",
             file=file,
         )
     if not 0 < form.pitch < math.inf:
@@ -268,8 +325,13 @@ def x_of_columns(file: Path, count: int, form: ProfileFormat, what: str) -> Arra
 PROFILE_COLUMNS: Final = ("profile", "frame", "index")
 """Names of a column that separates the profiles of one table."""
 
-DEFAULT_POINT_COLUMNS: Final = ["x", "z"]
-"""What two columns without names hold: no profile has two points."""
+UNNAMED_COLUMNS: Final = ["", ""]
+"""Of points: no profile has two heights."""
+
+MIN_SHARE_ONE_WAY, MAX_SHARE_OF_HEIGHTS = 0.98, 0.9
+"""Of the steps from point to point that go the same way: of a column x, and of one that is not."""
+
+_LENGTH_UNIT: Final = re.compile(r"(?<![a-z])(mm|um|m)(?![a-z])")
 
 
 def profiles_of_text(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
@@ -287,10 +349,8 @@ def profiles_of_text(file: Path, text: TextTable, form: ProfileFormat) -> FilePr
     first = text.parse_numbers(text.rows[0][1])
     if None in first:
         return _read_columns(file, text, form)
-    if form.pitch is None and len(first) == len(DEFAULT_POINT_COLUMNS):
-        return _read_columns(
-            file, replace(text, rows=((0, DEFAULT_POINT_COLUMNS), *text.rows)), form
-        )
+    if form.pitch is None and len(first) == len(UNNAMED_COLUMNS):
+        return _read_columns(file, replace(text, rows=((0, UNNAMED_COLUMNS), *text.rows)), form)
     return _read_rows(file, text, form)
 
 
@@ -336,18 +396,15 @@ def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles
 def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
     """A point per row, in columns x and z; a column `PROFILE_COLUMNS` separates the profiles."""
     (header, first), *rows = text.rows
-    names = [cell.lower() for cell in first]
-    z_at, z_unit = _find_column(file, names, "z")
-    pitched = form.pitch is not None and not any(_match_axis(name, "x") for name in names)
-    x_at, x_unit = (z_at, z_unit) if pitched else _find_column(file, names, "x")
-    x_scale, z_scale = (
-        file_format.metres_per_number(
-            file, unit or form.unit, "a column without a unit in its name"
-        )
-        for unit in (x_unit, z_unit)
-    )
+    names, table = [cell.lower() for cell in first], FileProfiles()
+    (x_at, x_unit), (z_at, z_unit) = _find_axes(file, text, form, table)
+    pitched = x_at == z_at
     group_at = next((names.index(name) for name in PROFILE_COLUMNS if name in names), None)
-    table, points = FileProfiles(), dict[str, list[tuple[float, float]]]()
+    for at in (i for i, name in enumerate(names) if _match_axis(name, "y")):
+        values = {row[at] for _, row in rows if len(row) == len(names)}
+        many = 1 < len(values) <= len(rows) / MIN_POINTS_OF_ONE_Y
+        group_at = at if many and group_at is None and at not in (x_at, z_at) else group_at
+    points = dict[str, list[tuple[float, float]]]()
     for line, row in rows:
         name = f"row {line - header + 1}"
         if len(row) != len(names):
@@ -363,31 +420,72 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
         return table
     together = np.concatenate([np.array(values) for values in points.values()])
     together[:, 0] = file_format.without_invalid_codes(together[:, 0], form.invalid)
+    lengths = [len(values) for values in points.values()]
+    if pitched:
+        what = "a table without a column x"
+        together[:, 0] = np.concatenate([x_of_columns(file, n, form, what) for n in lengths])
+    unstated = replace(form, unit=form.unit or x_unit or z_unit)
+    what = "a column without a unit in its name"
+    scale = file_format.metres_per_number(together[:, 0], together[:, 1], unstated, table, what)
+    x_scale, z_scale = (file_format.METRES_PER_UNIT.get(u or "", scale) for u in (x_unit, z_unit))
     z_s = file_format.heights_from_sensor(together[:, 1], z_scale, form, table)
-    ends = np.cumsum([len(values) for values in points.values()])
-    for name, end, values in zip(points, ends, points.values(), strict=True):
-        part = slice(end - len(values), end)
-        x_s = together[part, 0]
-        if pitched:
-            x_s = x_of_columns(file, len(values), form, "a table without a column x")
-        table.profiles[name] = file_format.profile_of_columns(x_scale * x_s, z_s[part])
+    for name, end, count in zip(points, np.cumsum(lengths), lengths, strict=True):
+        part = slice(end - count, end)
+        x_s = x_scale * together[part, 0]
+        table.profiles[name] = file_format.profile_of_columns(x_s, z_s[part])
     return table
 
 
-def _find_column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str | None]:
-    """Place of a column such as x, x_s or x_mm, and the unit in its name."""
-    for i, name in enumerate(names):
-        match = _match_axis(name, axis)
-        if match:
-            return i, match[1]
-    found = ", ".join(names[:12])
-    raise ConfigurationError(f"has no column {axis} (found: {found[:200]!r})", file=file)
+def _find_axes(
+    file: Path, text: TextTable, form: ProfileFormat, table: FileProfiles
+) -> tuple[tuple[int, str | None], tuple[int, str | None]]:
+    """Place and unit of the columns x and z; the same twice where points have no x but a pitch.
+
+    Where the names don't state them, and two columns of lengths vary, that which steps one way
+    all along the profiles is x.
+    """
+    (_, first), *rows = text.rows
+    names = [cell.lower() for cell in first]
+    found = {
+        axis: (names.index(name), match[1])
+        for axis in "xz"
+        for name in reversed(names)
+        if (match := _match_axis(name, axis))
+    }
+    if "z" in found and ("x" in found or form.pitch is not None):
+        return found.get("x", found["z"]), found["z"]
+    numbers = [text.parse_numbers(row) for _, row in rows if len(row) == len(names)]
+    values = np.array(numbers, dtype=float).reshape(-1, len(names))
+    units = [match and match[1] for match in map(_LENGTH_UNIT.search, names)]
+    lengths = [i for i, name in enumerate(names) if name not in PROFILE_COLUMNS]
+    stated = [i for i in lengths if units[i]]
+    both = [i for i in stated or lengths if len(np.unique(values[:, i])) > 1]
+    steps = [step[step**2 > 0] for step in np.diff(values[:, both], axis=0).T]
+    shares = [max(np.mean(step > 0), np.mean(step < 0)) for step in steps if len(step)]
+    if len(shares) == len(UNNAMED_COLUMNS):
+        x, z = np.argsort(shares)[::-1]
+        if shares[x] > MIN_SHARE_ONE_WAY > MAX_SHARE_OF_HEIGHTS > shares[z]:
+            x, z = both[x], both[z]
+            x_name, z_name = (f"column {i + 1} {first[i]}".strip() for i in (x, z))
+            table.notes.append(f"{x_name} is taken for x, because it steps one way, {z_name} for z")
+            return (x, units[x]), (z, units[z])
+    blank = bool(len(values)) and len(names) > 1 and not np.isfinite(values).any()
+    if names == UNNAMED_COLUMNS or blank:
+        return (0, None), (1, None)
+    lacks = "z" if "z" not in found else "x"
+    shown = ", ".join(names[:12])[:200]
+    raise ConfigurationError(
+        f"has no column {lacks} (found: {shown!r}): name them x_mm and z_mm in its first line",
+        file=file,
+    )
 
 
 def _match_axis(name: str, axis: str) -> re.Match[str] | None:
     units = "|".join(file_format.METRES_PER_UNIT)
-    return re.fullmatch(rf"{axis}(?:_s)?(?:[_ ]*[\[(]?({units})[\])]?)?", name)
+    return re.fullmatch(rf"[{axis}](?:_s)?(?:[_ ]*[\[(]?({units})[\])]?)?", name)
 
+
+_DIGITS_IN_NAME: Final = re.compile(r"(\d+)", re.ASCII)
 
 PROFILE_SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".npy", ".ply")
 """Files of a folder that are read."""
@@ -421,9 +519,16 @@ def read_profiles(file: Path, form: ProfileFormat) -> FileProfiles:
     for key, value in (("--z-scale", form.z_scale), ("--z-offset", form.z_offset or 0.0)):
         if not math.isfinite(value) or (key == "--z-scale" and value == 0):
             raise ConfigurationError(f"must be a number (found {value})", key=key)
-    if file.is_dir():
-        return _read_folder(file, form)
-    table = _read_file(file, form)
+    table = _read_folder(file, form) if file.is_dir() else _read_file(file, form)
+    if len(units := sorted(table.assumed_units)) > 1:
+        raise ConfigurationError(f"seems to count in {' and '.join(units)}: --units", file=file)
+    note = (
+        f"no unit is stated: {units[0]} is assumed, in which the profiles are as wide and as far "
+        "away as those of line lasers; --units states it"
+        if units
+        else ""
+    )
+    table.notes += [note] if note and note not in table.notes else []
     file_format.check_unit(file, table.profiles.values())
     file_format.check_height_scale(file, table.profiles.values())
     return table
@@ -435,11 +540,19 @@ def flip_heights(profile: Profile) -> Profile:
     return Profile(profile.x_s, low + high - profile.z_s, profile.intensity, profile.time)
 
 
+def _number_order(file: Path) -> list[tuple[int, str]]:
+    """Sorts 9 before 10."""
+    return [
+        (int(word), "") if word.isdigit() else (0, word)
+        for word in _DIGITS_IN_NAME.split(file.name)
+    ]
+
+
 def _read_folder(folder: Path, form: ProfileFormat) -> FileProfiles:
     """The profiles of all files in a folder, by name."""
     together = FileProfiles()
-    for file in sorted(folder.iterdir()):
-        if file.suffix.lower() not in PROFILE_SUFFIXES:
+    for file in sorted(folder.iterdir(), key=_number_order):
+        if file.suffix.lower() not in PROFILE_SUFFIXES or file.name in form.other_files:
             continue
         try:
             table = read_profiles(file, form)
@@ -451,6 +564,7 @@ def _read_folder(folder: Path, form: ProfileFormat) -> FileProfiles:
             together.profiles[own] = profile
         together.bad += [f"{file.name}: {bad}" for bad in table.bad]
         together.notes += [note for note in table.notes if note not in together.notes]
+        together.assumed_units |= table.assumed_units
     if not together.profiles:
         known = ", ".join(PROFILE_SUFFIXES)
         why = f" ({together.bad[0]})" if together.bad else ""
