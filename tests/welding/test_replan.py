@@ -216,6 +216,16 @@ def test_bead_in_two_parts_is_believed_as_it_lies() -> None:
     assert off.max() < 0.05  # a crater alone lacks a third
 
 
+def test_an_arc_that_goes_on_beyond_a_beads_stations_makes_up_for_its_ends() -> None:
+    planner = v_groove_planner(v_groove())
+    bead, s = planner.next_bead().part(slice(3, -3)), planner.belief.s
+    arc, ends = planner.for_arc(bead, s[0], s[-1]), (s[0], s[-1])
+    assert arc.s[[0, -1]] == pytest.approx(ends)
+    led = arc.at(bead.s)
+    area = planner.area_of_arc(bead.s, ends, led.feed, led.speed)
+    np.testing.assert_allclose(area, bead.area, rtol=0.02)
+
+
 def test_parts_of_a_groove_are_planned_and_welded_as_the_whole_of_it() -> None:
     state = v_groove()
     whole, parted = v_groove_planner(state), v_groove_planner(state)

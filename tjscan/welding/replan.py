@@ -173,13 +173,13 @@ class NextBead:
     carried: Array
 
     def at(self, s: Array) -> NextBead:
-        """The same bead at other lengths along the groove, between its stations."""
+        """The same bead at other lengths along the groove; beyond its stations as at the last."""
 
         def interpolated(values: Array) -> Array:
             rows = [np.interp(s, self.s, row) for row in np.atleast_2d(values.T)]
             return np.stack(rows, axis=-1).reshape(len(s), *values.shape[1:])
 
-        return self._with_arrays(interpolated)
+        return replace(self._with_arrays(interpolated), s=s)
 
     def part(self, rows: Rows) -> NextBead:
         """The same bead at some of its stations."""
