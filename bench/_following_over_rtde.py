@@ -31,7 +31,7 @@ from tjscan.robot.following import Following, JointMotion
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.following import UrFollowing
-from tjscan.runs.scan.run import ScanContext, run_scan
+from tjscan.runs.scan.run import ScanContext, resume_scan, run_scan
 from tjscan.scanning.continuous.scanner import ContinuousScanner
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection
@@ -166,10 +166,20 @@ def joint_angles() -> Array:
         link.disconnect()
 
 
+def resumed(run: Path) -> bool:
+    """Whether a scan that broke off goes on to its end."""
+    left = run / "job.toml"
+    try:
+        return resume_scan(ScanContext(read_scan_job(left), left)).complete
+    except TjscanError as error:
+        print(f"not resumed: {type(error).__name__}: {error}", file=sys.stderr)
+        return False
+
+
 def try_fault(
     loopback: UrLoopbackProcess, fault: InjectedFault, seconds: float
-) -> tuple[float, bool, bool]:
-    """Scan with a fault: radians off the paths; whether it ends as it should; and records."""
+) -> tuple[float, bool, bool, bool]:
+    """Scan with a fault: radians off the paths; if it ends as it should, records, is resumed."""
     await_end_of_program(loopback)
     loopback.schedule_fault("home")
     watch = Watch()
@@ -192,13 +202,14 @@ def try_fault(
             timer.cancel()
         await_end_of_program(loopback)
         views = len(read_recorded_scan(run).views)
-    end = [joint_angles()] if watch.ended_on_path else []
+        end = [joint_angles()] if watch.ended_on_path else []
+        whole = ended == "done" or resumed(run)
     off = watch.farthest(watch.seen + end)
     print(
         f"{fault} after {seconds:.2f} s: {ended[:90]}; {1e3 * off:.3f} mrad off, {views} views",
         file=sys.stderr,
     )
-    return off, expected, views > 0
+    return off, expected, views > 0, whole
 
 
 def corners_of_scan(keys: dict[str, Any]) -> Array:
@@ -267,9 +278,10 @@ def over_rtde_rows(faults: int) -> Iterator[Row]:
         yield from rows_of_a_minute()
         kinds = islice(cycle(ENDING + PASSING), faults)
         found = [try_fault(loopback, one, random.uniform(0.0, LONGEST_WAIT)) for one in kinds]
-    offs, ends, recorded = np.array(found).T
+    offs, ends, recorded, whole = np.array(found).T
     name = f"{faults} faults over RTDE"
     yield Row(f"{name}: off the checked path", float((offs > ON_PATH).sum()), 0)
     yield Row(f"{name}: farthest beside it, through lag", 1e3 * offs.max(), 1e3 * ON_PATH, "mrad")
     yield Row(f"{name}: ended as they should", ends.sum(), faults, "", faults)
     yield Row(f"{name}: recordings that read", recorded.sum(), faults, "", faults)
+    yield Row(f"{name}: scans whole, those that broke off resumed", whole.sum(), faults, "", faults)

@@ -318,6 +318,34 @@ def read_points_in_base_frame(file: Path) -> Array:
             raise ValueError(f"is no table of numbers: {error}") from None
 
 
+def read_points_at_joint_angles(file: Path, joints: int) -> tuple[Array, Array]:
+    """Read points, shape (n, 3), metres, and the joint angles at each, shape (n, joints), radians.
+
+    Parameters
+    ----------
+    file : Path
+        CSV with columns ``x_mm, y_mm, z_mm`` (or m, um) and ``q1_deg``, ``q2_deg`` (or rad) on.
+    joints : int
+        Of the arm.
+
+    Raises
+    ------
+    ConfigurationError
+        As `read_flange_poses` does.
+    """
+    with explain_unreadable_table(file):
+        names, table = _read_table(file)
+        position, angles = _find_position_columns(names), _find_joint_columns(names)
+        if len(angles) != joints:
+            raise ValueError(
+                f"the arm has {joints} joints, and the points have {len(angles)} joint angles "
+                "beside them: columns q1_deg, q2_deg and so on"
+            )
+        both = [_values_of_row(table, row, [*position, *angles]) for _, row in table.rows]
+        points, q = np.split(np.array(both), [3], axis=1)
+        return points, q
+
+
 def pair_profiles_with_poses(
     profiles: Mapping[str, Profile], poses: FlangePoseList, file: Path
 ) -> list[PosedProfile]:

@@ -153,7 +153,7 @@ class GenicamClient:
         vendor, model, version, serial = (_read_text(self._camera, place) for place in places)
         return DeviceIdentity(f"{vendor} {model}".strip(), serial, version)
 
-    def capture(self, attempts: int, timeout: float) -> messages.ReceivedBlock:
+    def capture(self, attempts: int, timeout: float) -> messages.CapturedBlock:
         """Take a block that was exposed after this call; trigger again while none comes."""
         self.end_stream()
         latched, latched_at = self._latch_clock()
@@ -163,29 +163,18 @@ class GenicamClient:
             if self._waits_for_trigger:
                 self._camera.trigger_software()
             while (wait := until - time.monotonic()) > 0:
-                try:
-                    frame = self._stream.next_frame(max(1, round(1e3 * wait)))
-                except viva_genicam.TransportError:
+                block = self._next_block(wait)
+                if block is None:
                     break
-                if frame is None:
-                    raise errors.LaserNotResponding("the laser's stream has ended. Connect again.")
-                came, exposed = time.monotonic(), frame.ts_dev or 0
-                if self._latches and exposed < latched + self._ticks_until_fresh_exposure:
+                if self._latches and block.ticks < latched + self._ticks_until_fresh_exposure:
                     stale += 1
                     continue
-                when, later = messages.HostInterval(began, came), exposed - latched
+                when, later = messages.HostInterval(began, block.came), block.ticks - latched
                 if self._latches:
                     later += round((self._exposure or 0.0) / 2 * self._ticks_per_second)
                     when = messages.host_time_of_exposure(later, self._ticks_per_second, latched_at)
-                return messages.ReceivedBlock(
-                    data=frame.payload(),
-                    pixel_format=frame.pixel_format,
-                    columns=frame.width,
-                    rows=frame.height,
-                    exposed=when.midpoint,
-                    uncertainty=when.half_length,
-                    attempts=attempt,
-                    **self._read_axes(),
+                return messages.CapturedBlock(
+                    block, when.midpoint, when.half_length, attempts=attempt, **self._read_axes()
                 )
         if stale:
             raise errors.ProfileStale(
@@ -342,7 +331,7 @@ class GenicamClient:
     def _next_block(self, wait: float) -> messages.StampedBlock | None:
         """The next block of the stream; none if none came in that time."""
         try:
-            frame = self._stream.next_frame(round(1e3 * wait))
+            frame = self._stream.next_frame(max(1, round(1e3 * wait)))
         except viva_genicam.TransportError:
             return None
         if frame is None:

@@ -22,9 +22,9 @@ from tjscan.core.errors import (
 from tjscan.core.process import ClientProcess
 from tjscan.laser import scancontrol
 from tjscan.laser.genicam.messages import (
+    CapturedBlock,
     ConnectedLaser,
     HostInterval,
-    ReceivedBlock,
     StampedBlock,
     StatedAxis,
     exposure_on_cell_clock,
@@ -141,12 +141,13 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
         read = HostInterval(before, time.monotonic())
         attempts, timeout = table.attempts, table.timeout
         limit = attempts * timeout + ANSWER_SLACK
-        block = self._ask_client(ReceivedBlock, "capture", attempts, timeout, limit=limit)
-        if block.attempts > 1:
-            self._listener(RETRIGGERED_PROFILE_EVENT, f"it came with attempt {block.attempts}")
-        self._check_format(block)
-        when, uncertainty = exposure_on_cell_clock(block.exposed, block.uncertainty, cell, read)
-        return replace(self._parse_block(block), time=when, time_uncertainty=uncertainty)
+        found = self._ask_client(CapturedBlock, "capture", attempts, timeout, limit=limit)
+        if found.attempts > 1:
+            self._listener(RETRIGGERED_PROFILE_EVENT, f"it came with attempt {found.attempts}")
+        # What a laser states may change with each profile.
+        profile = self._parse_block(found.block, replace(self.connected, x=found.x, z=found.z))
+        when, uncertainty = exposure_on_cell_clock(found.exposed, found.uncertainty, cell, read)
+        return replace(profile, time=when, time_uncertainty=uncertainty)
 
     def check_stream(self, period: float) -> None:
         """Refuse a stream whose times can't be true. See `StreamingLaser.check_stream`."""
@@ -180,8 +181,8 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
                     self._ask_client(NoneType, "end_stream", limit=STREAM_ANSWER_LIMIT)
 
     def _streamed_profile(self, block: StampedBlock) -> StreamedProfile:
-        self._check_format(block)
-        profile = replace(self._parse_block(block), time=self._time_of_stamp(block))
+        profile = self._parse_block(block, self.connected)
+        profile = replace(profile, time=self._time_of_stamp(block))
         return StreamedProfile(profile, time.monotonic() - block.came)
 
     @abstractmethod
@@ -192,16 +193,18 @@ class GigeLaser(DeviceBase, ABC, Generic[S]):
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Find out what its payload means, or refuse it; the laser has just been connected."""
 
-    def _check_format(self, block: ReceivedBlock | StampedBlock) -> None:
-        wanted = self.connected.pixel_format
-        if wanted and block.pixel_format != wanted:
+    def _parse_block(self, block: StampedBlock, laser: ConnectedLaser) -> Profile:
+        """The profile in a block, without its time, of a laser that states what it does then."""
+        if laser.pixel_format and block.pixel_format != laser.pixel_format:
             raise ProfileFormatRefused(
-                f"the laser sends {block.pixel_format}, and was set to {wanted}. Start again."
+                f"the laser sends {block.pixel_format}, and was set to {laser.pixel_format}. Start "
+                "again."
             )
+        return self._parse_payload(block, laser)
 
     @abstractmethod
-    def _parse_block(self, block: ReceivedBlock | StampedBlock) -> Profile:
-        """The profile in a block, without its time."""
+    def _parse_payload(self, block: StampedBlock, laser: ConnectedLaser) -> Profile:
+        """The profile in a block whose format is as it was set."""
 
     @abstractmethod
     def _describe_payload(self) -> tuple[int, str, list[float]]:
@@ -365,8 +368,7 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
     def _check_payload(self, laser: ConnectedLaser) -> None:
         scales_of_laser(laser, self.settings)  # refuses what it can't read
 
-    def _parse_block(self, block: ReceivedBlock | StampedBlock) -> Profile:
-        laser = self.connected
+    def _parse_payload(self, block: StampedBlock, laser: ConnectedLaser) -> Profile:
         if block.columns != laser.columns:
             raise ProfileFormatRefused(
                 f"a profile has {block.columns} points, and the laser stated a Width of "
@@ -379,8 +381,6 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
                 f"a block of {len(block.data)} bytes holds no {block.columns} points in "
                 f"{block.pixel_format}"
             )
-        if isinstance(block, ReceivedBlock):  # what a laser states may change with each profile
-            laser = replace(laser, x=block.x, z=block.z)
         scales = scales_of_laser(laser, self.settings)
         return profile_of_row(block.data[:row], block.pixel_format, scales)
 
@@ -433,7 +433,7 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
     def _check_payload(self, laser: ConnectedLaser) -> None:
         """Nothing is asked: the job states how it is set up."""
 
-    def _parse_block(self, block: ReceivedBlock | StampedBlock) -> Profile:
+    def _parse_payload(self, block: StampedBlock, laser: ConnectedLaser) -> Profile:
         return scancontrol.parse_scancontrol(block.data, self.settings)
 
     def check_stream(self, period: float) -> None:

@@ -78,41 +78,8 @@ class ConnectedLaser:
 
 
 @dataclass(frozen=True, slots=True)
-class ReceivedBlock:
-    """A block that was exposed after it was asked for.
-
-    Parameters
-    ----------
-    data : bytes
-        Its payload.
-    pixel_format : str
-        Its format.
-    columns, rows : int
-        Points of a row, and rows.
-    exposed : float
-        Host's clock when it was exposed, in seconds of `time.monotonic`.
-    uncertainty : float
-        How far off that may be, in seconds.
-    attempts : int
-        Triggers that it took.
-    x, z : StatedAxis
-        What the laser states about its numbers then.
-    """
-
-    data: bytes
-    pixel_format: str
-    columns: int
-    rows: int
-    exposed: float
-    uncertainty: float
-    attempts: int
-    x: StatedAxis
-    z: StatedAxis
-
-
-@dataclass(frozen=True, slots=True)
 class StampedBlock:
-    """A block of a stream, and when it was exposed on the laser's own clock.
+    """A block as it came, and when it was exposed on the laser's own clock.
 
     Parameters
     ----------
@@ -123,7 +90,7 @@ class StampedBlock:
     columns, rows : int
         Points of a row, and rows.
     number : int
-        Of the block: those that follow one another rise by one.
+        Of the block: those that follow one another in a stream rise by one.
     ticks : int
         Of the laser's clock when its exposure began; 0 if it does not say.
     came : float
@@ -137,6 +104,32 @@ class StampedBlock:
     number: int
     ticks: int
     came: float
+
+
+@dataclass(frozen=True, slots=True)
+class CapturedBlock:
+    """A block that was exposed after it was asked for.
+
+    Parameters
+    ----------
+    block : StampedBlock
+        What came.
+    exposed : float
+        Host's clock when it was exposed, in seconds of `time.monotonic`.
+    uncertainty : float
+        How far off that may be, in seconds.
+    attempts : int
+        Triggers that it took.
+    x, z : StatedAxis
+        What the laser states about its numbers then.
+    """
+
+    block: StampedBlock
+    exposed: float
+    uncertainty: float
+    attempts: int
+    x: StatedAxis
+    z: StatedAxis
 
 
 LARGEST_CLOCK_DRIFT: Final = 1e-4
