@@ -104,9 +104,7 @@ def unnamed_samples(bead: NextBead, gain: float) -> int:
     ):
         outside |= (values < low * (1 - 1e-9)) | (values > high * (1 + 1e-9))
         at_end |= (values < low * (1 + 1e-6)) | (values > high * (1 - 1e-6))
-    named = np.zeros_like(outside)
-    for begin, end, _ in bead.stretches_at_limit():
-        named |= (bead.s >= begin) & (bead.s <= end)
+    named = bead.is_at_limit
     laid = gain * wps.deposition_rate(bead.feed) / bead.speed
     off = np.abs(laid - bead.wanted) > 0.021 * bead.wanted
     return int((outside | (off & ~named) | (named & ~at_end)).sum())

@@ -92,7 +92,9 @@ FOREIGN: Final = {
 
 
 def read_job_of_calibration(file: Path, keys: dict[str, Any]) -> object:
-    """The job of a cell to calibrate, or of recorded profiles."""
+    """The job of a cell to calibrate, or of recorded profiles; these alone have a table [noise]."""
+    if any(key.startswith("noise.") for key in keys):
+        file = file.with_name("calibrate-recorded.toml")
     read = read_recorded_job if has_recorded_profiles(file) else read_calibration_job
     return read(file, keys)
 

@@ -30,7 +30,7 @@ from tjscan.power.source import PowerSample
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.runs.live.weld import read_weld_show
-from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, _Samples, left_to_weld
+from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, _Moment, left_to_weld
 from tjscan.runs.weld.beads import WeldPass
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
@@ -570,7 +570,7 @@ def test_heat_input_without_voltage_is_believed_and_time_is_the_samples() -> Non
         )
         for k in range(3)
     ]
-    seen = _Samples([0.001, 0.002, 0.003], [5e-3] * 3, [0.15] * 3, [0.0] * 3, samples)
+    seen = [_Moment(1e-3 * k, 5e-3, 0.15, 0.0, one) for k, one in enumerate(samples, 1)]
     none: Any = None
     wps = read_wps(ROOT / "examples" / "wps.toml")
     welder = ArcWelder(none, ArcLimits(), wps, none, none, none, simulated=False)

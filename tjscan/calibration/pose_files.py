@@ -69,6 +69,13 @@ KUKA_CONVENTION: Final = OrientationConvention(
     length_unit="mm",
     angle_unit="deg",
 )
+UR_CONVENTION: Final = OrientationConvention(
+    ("rx", "ry", "rz"),
+    "UR rotation vector: along the axis, as long as the angle",
+    lambda vector: np.asarray(rotations.matrix_from_compact_axis_angle(vector)),
+    length_unit="m",
+    angle_unit="rad",
+)
 ORIENTATION_CONVENTIONS: Final = (
     OrientationConvention(
         ("qx", "qy", "qz", "qw"),
@@ -83,13 +90,7 @@ ORIENTATION_CONVENTIONS: Final = (
     ),
     FANUC_CONVENTION,
     KUKA_CONVENTION,
-    OrientationConvention(
-        ("rx", "ry", "rz"),
-        "UR rotation vector: along the axis, as long as the angle",
-        lambda vector: np.asarray(rotations.matrix_from_compact_axis_angle(vector)),
-        length_unit="m",
-        angle_unit="rad",
-    ),
+    UR_CONVENTION,
 )
 """Distinguished by the names of their columns."""
 
@@ -316,6 +317,34 @@ def read_points_in_base_frame(file: Path) -> Array:
             return np.array([_values_of_row(table, row, columns) for _, row in table.rows])
         except ValueError as error:
             raise ValueError(f"is no table of numbers: {error}") from None
+
+
+def read_points_at_joint_angles(file: Path, joints: int) -> tuple[Array, Array]:
+    """Read points, shape (n, 3), metres, and the joint angles at each, shape (n, joints), radians.
+
+    Parameters
+    ----------
+    file : Path
+        CSV with columns ``x_mm, y_mm, z_mm`` (or m, um) and ``q1_deg``, ``q2_deg`` (or rad) on.
+    joints : int
+        Of the arm.
+
+    Raises
+    ------
+    ConfigurationError
+        As `read_flange_poses` does.
+    """
+    with explain_unreadable_table(file):
+        names, table = _read_table(file)
+        position, angles = _find_position_columns(names), _find_joint_columns(names)
+        if len(angles) != joints:
+            raise ValueError(
+                f"the arm has {joints} joints, and the points have {len(angles)} joint angles "
+                "beside them: columns q1_deg, q2_deg and so on"
+            )
+        both = [_values_of_row(table, row, [*position, *angles]) for _, row in table.rows]
+        points, q = np.split(np.array(both), [3], axis=1)
+        return points, q
 
 
 def pair_profiles_with_poses(

@@ -32,6 +32,7 @@ from tjscan.calibration.solve.solution import CalibrationProblem
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import fit_line
 from tjscan.calibration.targets.plane import SeenBoard, plane_of_statement
+from tjscan.calibration.targets.point import PointModel, start_of_points
 from tjscan.calibration.targets.roof import SeenRoof, fit_roof
 from tjscan.calibration.targets.target import (
     PosedProfile,
@@ -116,26 +117,34 @@ def calibrate_recorded_sets(
     CalibrationRefused
         If the result could not be trusted.
     """
-    recorded = _see_recorded_sets(tables, noise, folder, report)
+    profiles = [table for table in tables if table.target != "points"]
+    point_files = [folder / table.profiles for table in tables if table.target == "points"]
+    recorded = _see_recorded_sets(profiles, noise, folder, report)
     if kinematics is not None:  # checked before anything is solved
         _check_joint_angles(recorded.shots, kinematics)
-    targets = recorded.targets
-    result = calibrate_on_targets(
-        targets,
-        noise,
-        sensor_is_fixed=sensor_is_fixed,
-        check_conventions=True,
-        readings=recorded.readings,
-    )
-    if kinematics is not None:
-        result = _calibrate_arm(targets, kinematics, result.T_f_s, report)
+    elif point_files:
+        raise ConfigurationError("points calibrate the arm: --arm, with its model", key="arm.model")
     seen = {shot.name: shot.T_b_f for shot in recorded.shots}
+    if profiles:
+        result = calibrate_on_targets(
+            recorded.targets,
+            noise,
+            sensor_is_fixed=sensor_is_fixed,
+            check_conventions=True,
+            readings=recorded.readings,
+        )
+    if kinematics is not None:
+        points = {file.name: _points_on_arm(file, kinematics, noise) for file in point_files}
+        T_f_s = result.T_f_s if profiles else np.eye(4)
+        result = _calibrate_arm(recorded.targets, points, kinematics, T_f_s, report)
+        for name, one in points.items():
+            seen |= dict(zip(_names_of_points(name, one), one.T_b_f, strict=True))
     return result, BasisEntry(
         target="; ".join(map(str, tables)),
         poses_read_as=tuple(recorded.read_as),
         left_out=tuple(recorded.left_out),
         caveats=result.caveats,
-        views=views_of_poses(seen, result.T_f_s, sensor_is_fixed=sensor_is_fixed),
+        views=views_of_poses(seen, result.T_f_s, sensor_is_fixed=result.sensor_is_fixed),
     )
 
 
@@ -292,22 +301,41 @@ def see_target(
     return TARGET_KINDS[kind].see(fits, target, noise)
 
 
+def _points_on_arm(file: Path, kinematics: Kinematics, noise: NoiseModel) -> TargetInPostures:
+    """Points of a file, with the flange poses that the arm's model has at their joint angles."""
+    points, q = pose_files.read_points_at_joint_angles(file, len(kinematics.lower))
+    T_b_f = np.array([kinematics.forward(angles) for angles in q])
+    model, start = start_of_points(points, T_b_f, noise)
+    return TargetInPostures(model, q, T_b_f, start)
+
+
+def _names_of_points(file: str, points: TargetInPostures) -> list[str]:
+    return [f"{file} {number}" for number in range(1, len(points.q) + 1)]
+
+
 def _calibrate_arm(
-    seen: Sequence[SeenTarget[Any]], kinematics: Kinematics, T_f_s: Array, report: Report
+    seen: Sequence[SeenTarget[Any]],
+    points: Mapping[str, TargetInPostures],
+    kinematics: Kinematics,
+    T_f_s: Array,
+    report: Report,
 ) -> HandEyeCalibration:
-    """Calibrate an arm and the sensor on it, every fifth profile held out."""
+    """Calibrate an arm and the sensor on it, if there is one; every fifth profile is held out."""
     names = [name for one in seen for name in one.names]
+    names += [name for file, one in points.items() for name in _names_of_points(file, one)]
     held_out = np.arange(len(names)) % HELD_OUT_PROFILE_INTERVAL == HELD_OUT_PROFILE_INTERVAL // 2
     targets = []
     for one in seen:
         model, start = one.model_at_sensor_pose(T_f_s)
         q = np.array([sample.q for sample in one.samples])
         targets.append(TargetInPostures(model, q, one.T_b_f, start))
-    arm = ArmModel(kinematics, tuple(targets))
+    arm = ArmModel(kinematics, (*targets, *points.values()))
     found = calibrate_arm(arm, held_out, PlacementTolerance(), T_f_s)
-    for line in found.summary_sentences("profiles", "targets are"):
+    for line in found.summary_sentences("profiles" if seen else "points", "targets are"):
         report(line)
-    return as_hand_eye_calibration(found, names, kinematics.name)
+    first = arm.targets[0].model
+    T_b_t = first.T_b_t if isinstance(first, PointModel) else None
+    return as_hand_eye_calibration(found, names, kinematics.name, T_b_t)
 
 
 def _check_joint_angles(shots: Sequence[PosedProfile], kinematics: Kinematics) -> None:

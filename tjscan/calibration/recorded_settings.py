@@ -18,11 +18,13 @@ class RecordedSettings(SettingsTable):
     ----------
     profiles : str
         File of the profiles: CSV with columns x, z and profile, or with a profile per row; or a
-        folder of such files.
+        folder of such files. Of points: CSV with x, y, z and joint angles.
     poses : str
-        File of their flange poses: CSV with position and orientation, or an arm's program.
+        File of their flange poses: CSV with position and orientation, or an arm's program. Points
+        have none.
     target : str
-        The target in the profiles: plane, ball or roof.
+        The target in the profiles: plane, ball or roof. Or points, one that is fixed on the flange,
+        as a laser tracker or a touched artefact has it: they calibrate the arm.
     plane : tuple of float, optional
         The board A, B, C, D in frame b: A x + B y + C z + D = 0.
     touched : str, optional
@@ -41,8 +43,8 @@ class RecordedSettings(SettingsTable):
     """
 
     profiles: str
-    poses: str
-    target: Literal["plane", "ball", "roof"]
+    poses: str = ""
+    target: Literal["plane", "ball", "roof", "points"]
     plane: Annotated[tuple[float, float, float, float] | None, FileUnit("mm")] = None
     touched: str | None = None
     radius: Annotated[float | None, Gt(0), MM] = None
@@ -52,6 +54,8 @@ class RecordedSettings(SettingsTable):
     z_scale: float = 1.0
 
     def __post_init__(self) -> None:
+        if (self.target == "points") == bool(self.poses):
+            raise ValueError("poses is required, but not of points, which have joint angles")
         if self.target != "plane" and (self.plane is not None or self.touched is not None):
             raise ValueError("plane_mm and touched are of a target that is a plane")
         if self.plane is not None and self.touched is not None:

@@ -214,7 +214,8 @@ class HandEyeCalibration:
                 "has been widened by as much"
             )
         sure = self.uncertainty
-        if sure.position > WANTED_SIGMA_POSITION or sure.rotation > WANTED_SIGMA_ROTATION:
+        unsure = sure.position > WANTED_SIGMA_POSITION or sure.rotation > WANTED_SIGMA_ROTATION
+        if unsure and not (self.sensor_is_fixed and self.kinematics):  # points have no sensor
             found.append(
                 f"the sensor's place is certain to {1e3 * sure.position:.2f} mm and "
                 f"{np.degrees(sure.rotation):.2f}° only; add lines that are tilted further"

@@ -312,12 +312,12 @@ def recorded_job_of_files(
     """
     if "target" not in table:
         raise ConfigurationError(
-            "what do these profiles show? --target ball, roof or plane; the radius of a ball is "
-            "checked if it is stated: --radius-mm",
+            "what do these profiles show? --target ball, roof or plane, or points; the radius of a "
+            "ball is checked if it is stated: --radius-mm",
             file=recording,
         )
     folder = recording if recording.is_dir() else recording.parent
-    if folder == recording or "poses" not in table:
+    if table["target"] != "points" and (folder == recording or "poses" not in table):
         found = [file for file in sorted(folder.iterdir()) if _holds_poses(file, recording)]
         named = f" (found: {', '.join(file.name for file in found[:8])})" * bool(found)
         if len(found) > 1 or not (found or "poses" in table):

@@ -80,6 +80,12 @@ class SurfaceLook:
     read: Mask
 
 
+def columns_over(toes_u: Array, margin: float) -> Array:
+    """Columns from a margin beside all left toes to one beside all right ones, (k,), metres."""
+    low, high = float(toes_u[:, 0].min()) - margin, float(toes_u[:, 1].max()) + margin
+    return np.linspace(low, high, 1 + round((high - low) / COLUMN_STEP))
+
+
 def heights_over_columns(across: Array, values: Sequence[Array], u: Array) -> Array:
     """Values of a profile's points at columns, shape (len(values), k); NaN where it shows nothing.
 

@@ -11,13 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from tjscan.core.frames import (
-    Array,
-    Mask,
-    PlanarPoints,
-    array_dataclass,
-    stretches_of_true_values,
-)
+from tjscan.core.frames import Array, Mask, PlanarPoints, array_dataclass
 from tjscan.planning.wps import ArcSettings, RootSettings, WeldingProcedure
 from tjscan.welding.aims import (
     CAP_SPREAD,
@@ -195,13 +189,6 @@ class NextBead:
     def is_at_limit(self) -> Mask:
         """Stations at which a limit of the WPS leaves more than a little to later beads."""
         return np.asarray(np.abs(self.carried) > LEAST_CARRIED_SHARE * np.abs(self.wanted))
-
-    def stretches_at_limit(self) -> tuple[tuple[float, float, float], ...]:
-        """From where to where a limit of the WPS acts, and the area carried over there."""
-        return tuple(
-            (float(self.s[a]), float(self.s[b - 1]), float(self.carried[a:b].mean()))
-            for a, b in zip(*stretches_of_true_values(self.is_at_limit), strict=True)
-        )
 
 
 @dataclass(slots=True)

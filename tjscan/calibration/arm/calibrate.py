@@ -27,8 +27,8 @@ from tjscan.core.frames import (
     array_dataclass,
     inverse_pose,
     readonly_copy,
-    skew_matrix,
 )
+from tjscan.core.pose_vector import boxplus
 from tjscan.robot.deviations import deviate_joint_frames, deviation_jacobian
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
@@ -134,9 +134,8 @@ class ArmModel:
         for seen, own, (E, J) in zip(self.targets, own_targets, self._flange_motions, strict=True):
             T_b_f = E @ np.array([arm.forward(q) for q in seen.q])
             found = seen.model.at_other_poses(T_b_f).linearise(T_f_s, own)
-            by_flange = found.by_pose.copy()
-            # A turn of the flange also carries the sensor, whose origin is not f's.
-            by_flange[:, :, 3:] -= found.by_pose[:, :, :3] @ skew_matrix(T_f_s[:3, 3])
+            R = T_b_f[:, :3, :3]  # from the axes of b to those of f, which deviations count in
+            by_flange = np.concatenate([half @ R for half in np.split(found.by_arm, 2, 2)], axis=2)
             by_pose = np.concatenate((found.by_pose, by_flange @ J), axis=2)
             parts.append(replace(found, by_pose=by_pose))
         return stack_residuals(parts)
@@ -332,6 +331,7 @@ def describe_undetermined(J: Array, joints: int) -> tuple[str, ...]:
     """
     n = 6 * joints
     free = np.hstack((J[:, :6], J[:, 6 + n :]))
+    free = free[:, np.any(free, axis=0)]  # points show nothing of a sensor
     Q, _ = np.linalg.qr(free / np.linalg.norm(free, axis=0))
     own = J[:, 6 : 6 + n]
     _, singular, rows = np.linalg.svd(own - Q @ (Q.T @ own), full_matrices=True)
@@ -365,9 +365,6 @@ def _most_similar_cause(J: Array, k: int, joints: int) -> str:
     }
     return max(causes, key=lambda name: np.linalg.norm(scaled[:, causes[name]] @ x[causes[name]]))
 
-
-ARM_CALIBRATION_METHOD: Final = "ball, with the arm's kinematics"
-"""`HandEyeCalibration.method` of a calibration of the arm."""
 
 MIN_ARM_CALIBRATION_PROFILES: Final = 20
 """Fewer determine less than the maker states; forty are good."""
@@ -492,9 +489,9 @@ def _held_out_rms(estimate: refine.LeastSquaresEstimate, held_out: Mask) -> floa
 
 
 def as_hand_eye_calibration(
-    found: ArmCalibration, names: Sequence[str], arm_model: str
+    found: ArmCalibration, names: Sequence[str], arm_model: str, T_b_t: Array | None = None
 ) -> HandEyeCalibration:
-    """The result of a calibration of the arm on a ball.
+    """The result of a calibration of the arm on a ball, or on points alone.
 
     Parameters
     ----------
@@ -504,28 +501,36 @@ def as_hand_eye_calibration(
         Of all profiles, those held out as well.
     arm_model : str
         Name of the arm's kinematics.
+    T_b_t : ndarray, shape (4, 4), optional
+        Of points alone: where the frame that they count in was about. Its pose is found in place of
+        a sensor's, as that of one that is fixed in the room.
     """
-    estimate = found.estimate
+    estimate, covariance = found.estimate, found.covariance
+    if T_b_t is not None:
+        place = np.arange(len(covariance), len(covariance) + 6)
+        kept = np.concatenate((place, np.arange(6, len(covariance))))
+        covariance = estimate.sigma_scale**2 * estimate.covariance[np.ix_(kept, kept)]
     kinematics = ArmKinematicsEntry(
         model=arm_model,
         deviations=tuple(map(tuple, (estimate.deviations * FILE_UNITS_PER_SI).tolist())),
-        covariance=rows_in_file_units(found.covariance, axes=2),
+        covariance=rows_in_file_units(covariance, axes=2),
         left_as_stated=found.undetermined,
         held_out_poses=int(found.held_out.sum()),
         held_out_before_mm=1e3 * found.error_before,
         held_out_after_mm=1e3 * found.error_after,
     )
     return HandEyeCalibration(
-        estimate.T_f_s,
-        found.covariance,
-        ARM_CALIBRATION_METHOD,
+        estimate.T_f_s if T_b_t is None else boxplus(T_b_t, np.array(estimate.target[:6])),
+        covariance,
+        f"{'ball' if T_b_t is None else 'points'}, with the arm's kinematics",
         _residuals_of_profiles(found, names),
-        scaled_condition(found.covariance[:6, :6]),
+        scaled_condition(covariance[:6, :6]),
         estimate.chi2,
         estimate.dof,
         estimate.sigma_scale,
-        centre_b=estimate.target[:3],
-        radius=float(estimate.target[3]),
+        centre_b=None if T_b_t is not None else estimate.target[:3],
+        radius=None if T_b_t is not None else float(estimate.target[3]),
+        sensor_is_fixed=T_b_t is not None,
         by_laser=found.by_laser,
         kinematics=kinematics,
     )

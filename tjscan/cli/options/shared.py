@@ -139,7 +139,8 @@ class RecordedOptions(ProfileNumberOptions):
     Parameters
     ----------
     target
-        What recorded profiles show.
+        What recorded profiles show; or points on the flange, each with its joint angles, as a laser
+        tracker has them: with --arm.
     radius_mm
         Radius of a ball; found if left out.
     touched
@@ -148,7 +149,7 @@ class RecordedOptions(ProfileNumberOptions):
         File of the flange's poses, if there are several beside the profiles.
     """
 
-    target: Literal["ball", "roof", "plane"] | None = None
+    target: Literal["ball", "roof", "plane", "points"] | None = None
     radius_mm: float | None = None
     touched: Path | None = None
     poses: Path | None = None

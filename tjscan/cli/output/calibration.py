@@ -170,7 +170,8 @@ def calibrate_and_print(
             else:
                 done = run.start_calibration(job, file, directory, operator, arm=mode.arm)
     _print_finished_calibration(done, json=json)
-    if isinstance(job, RecordedJob) and (job.arm.id is None or job.laser.id is None):
+    carried = done.calibration.T_f_s_mm is not None
+    if isinstance(job, RecordedJob) and carried and None in (job.arm.id, job.laser.id):
         print_message(
             "name the devices with the keys arm.id and laser.id, or a scan will refuse that file"
         )
@@ -197,7 +198,12 @@ def _print_finished_calibration(done: SavedCalibration, *, json: bool) -> None:
         f"{found.method}, condition number {found.condition:.1f}"
     )
     if found.T_b_s_mm is not None:
-        print_message("the sensor is fixed in the room: this is its pose in the arm's base")
+        print_message(
+            "the sensor is fixed in the room: this is its pose in the arm's base"
+            if found.kinematics is None
+            else "this is the pose, in the arm's base, of the frame that the points count in; a "
+            "scan takes the arm's deviations from a file of its sensor: calibrate both together"
+        )
     if (ball := found.ball) is not None:
         stated = ball.stated_radius_mm
         agreement = "" if stated is None else f"; stated {stated:.3f} mm, which agrees"

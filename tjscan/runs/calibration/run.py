@@ -338,7 +338,7 @@ def calibrate_recorded_job(
         date=datetime.now(UTC).replace(microsecond=0),
         basis=basis,
     )
-    frame = "b" if job.solve.fixed_sensor else "f"
+    frame = "f" if found.T_b_s_mm is None else "b"
     write_calibration(file, found, Provenance.for_file_written_now(job_file.name, frame))
     return SavedCalibration(file, found, result.caveats)
 

@@ -22,12 +22,7 @@ from tjscan.laser.profile import Profile
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.weld.journal import SURFACE_EVENT
-from tjscan.welding.look import (
-    COLUMN_STEP,
-    SurfaceLook,
-    heights_over_columns,
-    look_of_heights,
-)
+from tjscan.welding.look import SurfaceLook, columns_over, heights_over_columns, look_of_heights
 from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
 from tjscan.welding.target import surface_in_words
@@ -216,21 +211,16 @@ class CrawlPassPlanner:
 
     def _look(self) -> SurfaceLook:
         toes = self._toes_u
-        low, high = float(toes[:, 0].min()) - PLATE_MARGIN, float(toes[:, 1].max()) + PLATE_MARGIN
-        u = np.linspace(low, high, 1 + round((high - low) / COLUMN_STEP))
-        moved = [self.middle_moved(at) for at, _, _ in self._seen]
-        heights = np.array(
-            [
-                _heights(profile, placement, u - by)
-                for by, (_, profile, placement) in zip(moved, self._seen, strict=True)
-            ]
-        )
-        at = np.tile([[at] for at, _, _ in self._seen], (1, len(u)))
-        noise = np.full_like(
-            heights,
-            mad_sigma(np.diff(heights, axis=1)[np.isfinite(np.diff(heights, axis=1))]) / np.sqrt(2),
-        )
-        return look_of_heights(self.s, (at, heights, noise), u, toes, POOLED_LENGTH)
+        u = columns_over(toes, PLATE_MARGIN)
+        heights = np.empty((len(self._seen), len(u)))
+        for row, (at, profile, placement) in zip(heights, self._seen, strict=True):
+            steel = profile.x_s[profile.valid], profile.z_s[profile.valid]
+            across, into = placement.joint_coordinates(*steel)
+            row[:] = heights_over_columns(across, (-into,), u - self.middle_moved(at))[0]
+        places = np.tile([[at] for at, _, _ in self._seen], (1, len(u)))
+        steps = np.diff(heights, axis=1)
+        noise = np.full_like(heights, mad_sigma(steps[np.isfinite(steps)]) / np.sqrt(2))
+        return look_of_heights(self.s, (places, heights, noise), u, toes, POOLED_LENGTH)
 
     def _check_reach(self, bead: NextBead) -> None:
         reach = self.job.torch.reach - abs(self.job.torch.aside)
@@ -275,11 +265,3 @@ def bead_order(job: CrawlJob, wps: WeldingProcedure) -> BeadOrder:
         weaves=tuple(2 * float(table.weave.mean()) for table in tables),
         cap_height=wps.bead.cap_height,
     )
-
-
-def _heights(profile: Profile, placement: JointPlacement, u: Array) -> Array:
-    """Heights over the hull at columns, shape (k,); NaN where the profile shows nothing."""
-    across, into = placement.joint_coordinates(
-        profile.x_s[profile.valid], profile.z_s[profile.valid]
-    )
-    return np.asarray(heights_over_columns(across, (-into,), u)[0])

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import monotonic, sleep
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
 from tjscan.core.errors import WeldStopped
-from tjscan.core.sourced import (
-    ABSENT_NUMBER,
-    NumberSource,
-    SourcedNumber,
-    mean_of_numbers,
-)
+from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber, mean_of_numbers
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.power.height import ArcHeight, ArcHeightSettings
 from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
@@ -116,15 +111,14 @@ def left_to_weld(
     return (max(begin, at - overlap) if at > begin else begin), end
 
 
-@dataclass(slots=True)
-class _Samples:
-    """What was seen in each cycle in which the torch moved."""
+class _Moment(NamedTuple):
+    """What was seen in a cycle in which the torch moved."""
 
-    s: list[float] = field(default_factory=list)
-    speed: list[float] = field(default_factory=list)
-    feed: list[float] = field(default_factory=list)
-    raised: list[float] = field(default_factory=list)
-    sample: list[PowerSample] = field(default_factory=list)
+    s: float
+    speed: float
+    feed: float
+    raised: float
+    sample: PowerSample
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,11 +171,11 @@ class ArcWelder:
         where = f"{name_of_bead(bead.number, self.station)}, from {1e3 * begin:.1f} mm on"
         self.journal.record(RunEvent(ARC_BEGUN_EVENT, where))
         arc = ArcSequence(self.source, self.limits, event_recorder(self.journal))
-        seen, failure = _Samples(), None
+        seen, failure = list[_Moment](), None
         try:
             reached = self._lead(arc, bead, begin, end, seen)
         except BaseException as error:  # whatever it is: the arc goes out, and what it laid is kept
-            failure, reached = error, (seen.s or [begin])[-1]
+            failure, reached = error, seen[-1].s if seen else begin
             self._settle(arc)
         fault = "" if failure is None else str(failure) or type(failure).__name__
         message = self._message(bead, begin, reached, seen, fault)
@@ -192,13 +186,13 @@ class ArcWelder:
             self._record(message, seen)
         raise failure
 
-    def _record(self, message: ArcMessage, seen: _Samples) -> None:
+    def _record(self, message: ArcMessage, seen: list[_Moment]) -> None:
         self.journal.record(message)
         for row in self._stretches(message, seen):
             self.journal.record(row)
 
     def _lead(
-        self, arc: ArcSequence, bead: NextBead, begin: float, end: float, seen: _Samples
+        self, arc: ArcSequence, bead: NextBead, begin: float, end: float, seen: list[_Moment]
     ) -> float:
         """Go through the order of events; the torch is where its measured way has brought it."""
         s, speed = begin, 0.0
@@ -215,11 +209,8 @@ class ArcWelder:
             speed = asked if arc.may_move and s < end else 0.0
             s = min(s + speed * CYCLE_TIME, end)
             if arc.phase is ArcPhase.WELDING and speed and arc.sample is not None:
-                seen.s.append(s)
-                seen.speed.append(speed)
-                seen.feed.append(setting.feed)
-                seen.sample.append(arc.sample)
-                seen.raised.append(self._follow_current(height, bead, s, setting, arc.sample))
+                raised = self._follow_current(height, bead, s, setting, arc.sample)
+                seen.append(_Moment(s, speed, setting.feed, raised, arc.sample))
                 feed = float(np.interp(s, bead.s, bead.feed))
                 if abs(feed - setting.feed) >= FEED_STEP:
                     setting = PowerSetting(feed)
@@ -268,52 +259,42 @@ class ArcWelder:
             )
 
     def _message(
-        self, bead: NextBead, begin: float, reached: float, seen: _Samples, fault: str
+        self, bead: NextBead, begin: float, reached: float, seen: list[_Moment], fault: str
     ) -> ArcMessage:
-        speed, feed = np.array(seen.speed), np.array(seen.feed)
-        measured = [one.feed.value for one in seen.sample]
-        fed = np.array(
-            [set_ if got is None else got for got, set_ in zip(measured, feed, strict=True)]
-        )
-        power = np.array(
-            [
-                float(self.wps.arc.power_at(np.array(set_)))
-                if one.current.value is None or one.voltage.value is None
-                else one.current.value * one.voltage.value
-                for one, set_ in zip(seen.sample, feed, strict=True)
-            ]
-        )
-        heat = self.wps.arc.thermal_efficiency * power / speed if len(speed) else speed
+        s, speed, fed = np.array([one[:3] for one in seen]).reshape(-1, 3).T
+        power = self.wps.arc.power_at(fed)
+        for k, (*_, sample) in enumerate(seen):  # what was measured counts instead
+            fed[k] = fed[k] if sample.feed.value is None else sample.feed.value
+            if sample.current.value is not None and sample.voltage.value is not None:
+                power[k] = sample.current.value * sample.voltage.value
         return ArcMessage(
             bead.number,
             begin,
             reached,
-            seen.sample[-1].time - seen.sample[0].time if seen.sample else 0.0,
+            seen[-1].sample.time - seen[0].sample.time if seen else 0.0,
             fault,
             self.simulated,
-            np.array(seen.s),
+            s,
             speed,
             fed,
-            heat,
+            self.wps.arc.thermal_efficiency * power / speed,
             self.station,
         )
 
-    def _stretches(self, arc: ArcMessage, seen: _Samples) -> Iterator[ArcStretchMessage]:
+    def _stretches(self, arc: ArcMessage, seen: list[_Moment]) -> Iterator[ArcStretchMessage]:
         """Rows of the log: what was measured of each stretch, and from where it comes."""
         if not len(arc.s):
             return
         row_of = ((arc.s - arc.begin) / STRETCH_LENGTH).astype(int)
         for row in np.unique(row_of):
             on = np.flatnonzero(row_of == row)
-            samples = [seen.sample[i] for i in on]
+            samples = [seen[i].sample for i in on]
             current = [one.current for one in samples]
-            mean, voltage = (
-                mean_of_numbers(current),
-                mean_of_numbers([one.voltage for one in samples]),
-            )
+            mean = mean_of_numbers(current)
+            voltage = mean_of_numbers([one.voltage for one in samples])
             fed = mean_of_numbers([one.feed for one in samples])
             if fed.value is None:
-                fed = SourcedNumber(float(np.mean([seen.feed[i] for i in on])), NumberSource.SET)
+                fed = SourcedNumber(float(np.mean([seen[i].feed for i in on])), NumberSource.SET)
             moved = NumberSource.SIMULATED if self.simulated else NumberSource.MEASURED
             sources = {mean.source, voltage.source, moved}
             weakest = next(one for one in WEAKEST_SOURCES if one in sources)
@@ -333,5 +314,5 @@ class ArcWelder:
                 station=self.station,
                 raised=ABSENT_NUMBER
                 if self.height is None
-                else SourcedNumber(float(np.mean([seen.raised[i] for i in on])), NumberSource.SET),
+                else SourcedNumber(float(np.mean([seen[i].raised for i in on])), NumberSource.SET),
             )

@@ -178,31 +178,20 @@ class LookMessage:
         return SurfaceLook(self.u, w, np.broadcast_to(sigma, shape), self.read > 0)
 
 
-BEAD_TOPIC: Final = Topic.of("/weld/bead", PlannedBeadMessage)
-ARC_TOPIC: Final = Topic.of("/weld/arc", ArcMessage)
-STRETCH_TOPIC: Final = Topic.of("/weld/stretch", ArcStretchMessage)
-LOOK_TOPIC: Final = Topic.of("/weld/look", LookMessage)
-WELD_TOPICS: Final[tuple[Topic[Any], ...]] = (
-    BEAD_TOPIC,
-    ARC_TOPIC,
-    STRETCH_TOPIC,
-    LOOK_TOPIC,
-    LOG_TOPIC,
-)
-"""Everything that a weld records."""
-
-
 def name_of_bead(number: int, station: str) -> str:
     """What a bead, or a station's part of it, is called."""
     return f"bead {number + 1}" + (f" from {station}" if station else "")
 
 
 TOPIC_OF_MESSAGE: Final[dict[type, Topic[Any]]] = {
-    PlannedBeadMessage: BEAD_TOPIC,
-    ArcMessage: ARC_TOPIC,
-    ArcStretchMessage: STRETCH_TOPIC,
-    LookMessage: LOOK_TOPIC,
+    PlannedBeadMessage: Topic.of("/weld/bead", PlannedBeadMessage),
+    ArcMessage: Topic.of("/weld/arc", ArcMessage),
+    ArcStretchMessage: Topic.of("/weld/stretch", ArcStretchMessage),
+    LookMessage: Topic.of("/weld/look", LookMessage),
 }
+
+WELD_TOPICS: Final[tuple[Topic[Any], ...]] = (*TOPIC_OF_MESSAGE.values(), LOG_TOPIC)
+"""Everything that a weld records."""
 
 WELD_STOP_EVENT: Final = "stop"
 """Name of the event that a weld was stopped."""

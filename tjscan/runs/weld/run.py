@@ -65,7 +65,7 @@ from tjscan.runs.weld.results import write_weld_results
 from tjscan.runs.weld.stations import ArmStation, arm_stations
 from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.stopping import StopRequest
-from tjscan.welding.look import COLUMN_STEP, SurfaceLook
+from tjscan.welding.look import SurfaceLook, columns_over
 from tjscan.welding.replan import BeadOrder, GroovePart, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
 from tjscan.welding.target import surface_in_words
@@ -328,7 +328,7 @@ class Weld:
         toes_u = stations.corners[:, [3, 2], 0]
         arms, T_j_r = arm_stations(context.scan, scanned, edges, sections, stations)
         passes = passes_of_weld(order, edges, wps, [arm.stretch for arm in arms])
-        u = _columns(toes_u, settings.margin)
+        u = columns_over(toes_u, settings.margin)
         true = WeldState.of_groove(
             stations.s, u, _true_heights(context.scan, stations, u, T_j_r), toes_u, tilt
         )
@@ -593,7 +593,7 @@ class Weld:
         if self.world.period > 0:
             points = np.concatenate((points, points[:1]))
         surface = RaycastSurface(points.reshape(-1, 3), grid_triangles(*points.shape[:2]))
-        u, toes_u = _columns(self.toes_u, settings.margin), self.toes_u[arm.part.rows]
+        u, toes_u = columns_over(self.toes_u, settings.margin), self.toes_u[arm.part.rows]
         seen, time = arm.look(surface, u, toes_u, settings, lambda: self.context.must_stop)
         planner = self._take_look(seen, name)
         learner, deviation = planner.learner, planner.deviation
@@ -653,11 +653,6 @@ class Weld:
                 weldable &= (s < begin) | (s > end)
         self._readable[name], self._laid, self._fresh = weldable, False, name
         return self.planner
-
-
-def _columns(toes_u: Array, margin: float) -> Array:
-    low, high = float(toes_u[:, 0].min()) - margin, float(toes_u[:, 1].max()) + margin
-    return np.linspace(low, high, 1 + round((high - low) / COLUMN_STEP))
 
 
 def _tilt_of_gravity(stations: GrooveStations, gravity: Array) -> Array:
