@@ -386,23 +386,27 @@ class Scanner:
         ------
         JointMoved
             If they are too many, or none of the last sections is found any more.
+        PoseUnreachable
+            If the arm can't get to the last one.
         """
-        last, moved = self._log.sections[-1], None
-        for section in sections_before.planning_sections(self._log.sections)[
-            : -MOST_RETURNS - 1 : -1
-        ]:
+        *before, last = sections_before.planning_sections(self._log.sections)[-MOST_RETURNS:]
+        lost = ""
+        for section in (last, *reversed(before)):
             view = section.view
-            state = self._taker.move_joint_to_pose(view.T_b_f, near=view.q)
             try:
-                gone = self._distance_moved(section, state)
-            except errors.JointMoved as error:
-                moved = moved or error
-                continue
-            if section is not last:
-                self._taker.move_joint_to_pose(last.view.T_b_f, near=last.view.q)
-            return gone
-        assert moved is not None
-        raise moved
+                state = self._taker.move_joint_to_pose(view.T_b_f, near=view.q)
+                moved = self._distance_moved(section, state)
+            except errors.GrooveNotFound as error:
+                lost = lost or str(error)
+            except errors.PoseUnreachable:
+                if section is last:
+                    raise
+                break
+            else:
+                if section is not last:
+                    self._taker.move_joint_to_pose(last.view.T_b_f, near=last.view.q)
+                return moved
+        raise errors.JointMoved(f"the last section is not there any more: {lost}")
 
     def _distance_moved(self, section: ScannedSection, state: ArmState) -> float:
         """Read a section again; gives the metres that it seems to have moved.
@@ -410,19 +414,18 @@ class Scanner:
         Raises
         ------
         JointMoved
-            If they are too many, or it is not found any more.
+            If they are too many.
+        GrooveNotFound
+            If it is not read.
         """
         tolerance, index = self._plan.return_tolerance, len(self._log.sections) - 1
-        try:
-            now = self._read_until_found(state, index, Substep.RESUMED, section.T_s_t)
-        except errors.GrooveNotFound as error:
-            raise errors.JointMoved(f"the last section is not there any more: {error}") from None
+        now = self._read_until_found(state, index, Substep.RESUMED, section.T_s_t)
         apart = np.linalg.norm(now.points_b - section.points_b, axis=1)[1:4]
         known = sections_before.largest_chance_differences(now.groove, section.groove) < tolerance
         moved = float(apart[known].max(initial=apart.min()))
         if moved > tolerance:
             raise errors.JointMoved(
-                f"the last section is {1e3 * moved:.2f} mm from where it was, "
+                f"section {section.view.index} is {1e3 * moved:.2f} mm from where it was, "
                 f"{1e3 * tolerance:.2f} mm are allowed"
             )
         return moved

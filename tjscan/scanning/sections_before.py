@@ -143,7 +143,7 @@ on joints of 168 to 610 mm that made up to half of it.
 """
 
 
-LARGEST_SLOPE_OFF: Final = 0.4
+LARGEST_SLOPE_OFF: Final = 0.2
 """Metres by which a groove, per metre along it, leaves its direction as it is known, at most."""
 
 TACK_END_LENGTH: Final = 4e-3

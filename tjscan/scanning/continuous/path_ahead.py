@@ -202,7 +202,7 @@ class PathAhead:
         seam_start : float
             Length along the groove that the seam's lengths count from, metres.
         end : float
-            Length at which the path shall end at the latest, metres.
+            Length, counted as the seam's, at which the path shall end at the latest, metres.
         now : float
             Seconds on the arm's clock.
 
@@ -219,10 +219,10 @@ class PathAhead:
         start, leave, speed = path.gone.knot_from(now + PLANNING_TIME)
         kept = np.append(leave, path.q.x[path.q.x > leave][:KEPT_KNOTS])
         join = float(kept[-1])
-        ideal = _SeamPoses(seam, seam_start, self._T_s_f)
+        ideal = _SeamPoses(seam, seam_start, end, self._T_s_f)
         old = self._kinematics.forward(path.q(join))
         ideal.shift_to(join, self.groove_point(old))
-        end = min(end, ideal.end)
+        end = ideal.end
         if end < max(path.length - KNOT_SPACING, join + SLOPE_LENGTH):
             raise PathNotExtended("the seam is known no further than the path leads")
         offset = pose_to_vector(inverse_pose(ideal.at(join)) @ old)
@@ -297,16 +297,16 @@ class PathAhead:
 class _SeamPoses:
     """Flange poses along a seam ahead, by the length along the groove."""
 
-    def __init__(self, seam: SeamAhead, start: float, T_s_f: Array) -> None:
+    def __init__(self, seam: SeamAhead, start: float, end: float, T_s_f: Array) -> None:
         lengths, T_b_f = start + seam.lengths, seam.T_b_s @ T_s_f
         self._origins = CubicSpline(lengths, seam.T_b_t[:, :3, 3])
         self._places = CubicSpline(lengths, T_b_f[:, :3, 3])
         self._turns = RotationSpline(lengths, Rotation.from_matrix(T_b_f[:, :3, :3]))
-        self._last, self._shift = float(lengths[-1]), 0.0
+        self._last, self._shift = min(end, float(lengths[-1])), 0.0
 
     @property
     def end(self) -> float:
-        """Length up to which it is known, metres."""
+        """Length up to which it is known and wanted, metres."""
         return self._last - self._shift
 
     def shift_to(self, length: float, point: Array) -> None:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core import errors
-from tjscan.core.frames import Array, unit_vector
+from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile, ProfileRepeats
 from tjscan.recording.journal import Journal
@@ -127,7 +127,6 @@ class ContinuousScanner(Scanner):
         # Lengths along the groove: of the last section, of the one that a path was planned from
         # last, and of the second taught pose.
         self._length = self._planned_length = self._second_length = 0.0
-        self._length_of: dict[int, float] = {}
         self._passed_second = self._left_first = self._closed = False
         self._why_not_on = ""
 
@@ -147,11 +146,20 @@ class ContinuousScanner(Scanner):
         return self._scan_on(self._straight_to_second())
 
     def _straight_to_second(self) -> FollowedPath:
-        """The way from where the arm stands to the second taught pose; lengths count from here."""
-        state = self._setup.arm.state()
+        """The way from where the arm stands to the second taught pose; lengths count from here.
+
+        Where the groove is seen there is not known: how far a hand's pose is off, and about the
+        sensor, makes the way from one to the other no good direction on a short way.
+        """
+        state, last = self._setup.arm.state(), self._log.sections[-1]
         path = self._planner.straight(state.q, self._T_b_f_second, state.time)
-        ahead = self._second_point - self._planner.groove_point(state.T_b_f)
-        self._along_b, self._second_length = unit_vector(ahead), path.length
+        ahead, along = (
+            self._second_point - self._planner.groove_point(state.T_b_f),
+            last.T_b_g[:3, 0],
+        )
+        self._along_b = along if along @ ahead > 0 else -along
+        self._length, self._planned_length = 0.0, 0.0
+        self._second_length = float(ahead @ self._along_b)
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, 0.0)
         return path
 
@@ -164,7 +172,7 @@ class ContinuousScanner(Scanner):
         self._left_first = bool(np.linalg.norm(origins - origins[0], axis=1).max() > 2 * near)
         from_second = np.linalg.norm(origins - self._second_point, axis=1)
         nearest = int(from_second.argmin())
-        if len(planning_sections(sections)) == 1:
+        if len(planning_sections(sections)) < FEWEST_SECTIONS_TO_PLAN:
             return self._scan_on(self._straight_to_second())
         self._second_length = groove_length(sections[: nearest + 1])
         if nearest == len(sections) - 1:  # the second pose is still ahead
@@ -185,31 +193,34 @@ class ContinuousScanner(Scanner):
             if (ended := self._wait_for_permission()) is not None:
                 return ended
             why = f"at {1e3 * self._length:.1f} mm: {self._why_not_on}"
-            sections, further = self._log.sections, asked or self._length > reached
+            further = asked or self._length > reached
             before_second = self._length < self._second_length - LONGEST_GAP
-            if before_second and not (further and len(planning_sections(sections)) > 1):
-                self._scan_taught("second", self._taker.move_joint_to_pose(self._T_b_f_second))
-                length = self._second_length
-            elif further:
+            if further:
                 if not asked:
                     self._log.record_event(ScanEvent.RETREAT, why)
-                if (ended := self._ended_by(self._return_to_last_section)) is not None:
-                    return ended
+                ended = self._ended_by(self._return_to_last_section)
                 length = self._length
+            elif before_second:
+                ended = self._ended_by(self._scan_second)
+                length = self._second_length
             else:
                 self._log.record_event(ScanEvent.STEPWISE, why)
                 step = max(min(self._plan.step, self._end_length - self._length), LEAST_STEP)
-                if (ended := self._make_step(step)) is not None:
-                    return ended
-                length = self._length + groove_length(sections[-2:])
-            path = self._standing(length)
-            reached = length
+                ended = self._make_step(step)
+                length = self._length + groove_length(self._log.sections[-2:])
+            if ended is not None:
+                return ended
+            on = further and before_second
+            path = self._straight_to_second() if on else self._standing(length)
+            reached = self._length
+
+    def _scan_second(self) -> None:
+        self._scan_taught("second", self._taker.move_joint_to_pose(self._T_b_f_second))
 
     def _standing(self, length: float) -> FollowedPath:
         """No path yet, from the section before which the arm stands."""
         state = self._setup.arm.state()
         self._length, self._planned_length = length, -np.inf
-        self._length_of[self._log.sections[-1].view.index] = length
         self._along_b = seam_direction(self._log.sections)
         self._fuser.start_at(state.T_b_f @ self._setup.T_f_s, length)
         return FollowedPath.standing(state.q, length, state.time)
@@ -300,10 +311,9 @@ class ContinuousScanner(Scanner):
         last, gone = self._log.sections[-1], length - self._length
         sections_before.check_leads_on(section, last, self._along_b, gone)
         if len(before) > 1:
-            last = before[-2]
-            gone = length - self._length_of.get(last.view.index, length - PLANNING_SPACING)
-            step = max(gone, PLANNING_SPACING)
-            ahead = StepRequest(last, last.T_b_g[:3, 3] + step * self._along_b, step)
+            origin, behind = before[-2].T_b_g[:3, 3], last.T_b_g[:3, 3]
+            step = gone + float(np.linalg.norm(behind - origin))
+            ahead = StepRequest(before[-2], origin + step * self._along_b, step)
             sections_before.check_section_one_step_ahead(section, ahead)
             sections_before.check_measures_plausible(section, ahead)
         return section
@@ -311,7 +321,7 @@ class ContinuousScanner(Scanner):
     def _finish(self, length: float, section: ScannedSection) -> None:
         """Add a section, and see whether the groove is closed with it."""
         self._finish_section(section)
-        self._length = self._length_of[section.view.index] = length
+        self._length = length
         if len(planning_sections(self._log.sections)) > 1:  # nearer ones show less than the way
             self._along_b = seam_direction(self._log.sections)
         origins = (one.T_b_g[:3, 3] for one in (section, self._log.sections[0]))
