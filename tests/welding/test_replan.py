@@ -80,7 +80,7 @@ def test_every_sample_is_inside_the_procedure_and_the_rest_is_carried_over() -> 
     assert (bead.carried < 0).all()
 
 
-def test_a_stretch_that_is_not_read_stays_believed_and_unsure() -> None:
+def test_a_stretch_that_is_not_read_stays_believed() -> None:
     state = v_groove()
     world, planner = weld_world(state, FAULTS), v_groove_planner(state)
     bead = planner.next_bead()
@@ -90,7 +90,6 @@ def test_a_stretch_that_is_not_read_stays_believed_and_unsure() -> None:
     read[10:20] = False
     planner.take_look(world.state.u, world.state.w, SURE, read)
     np.testing.assert_allclose(planner.belief.w[12:18], believed[12:18], atol=1e-6)
-    assert (planner.fill_sigma[~read] > 2 * planner.fill_sigma[read].max()).all()
 
 
 def test_looks_that_cannot_be_of_this_weld_are_refused() -> None:
