@@ -20,16 +20,26 @@ SURE = np.full(41, 0.05e-3)
 EVERYWHERE = np.ones(41, dtype=bool)
 
 
-def weld_all(faults: WeldFaults, *, looks: bool, seed: int = 1) -> tuple[WeldWorld, WeldPlanner]:
-    state = v_groove()
+def weld_all(
+    faults: WeldFaults, *, looks: bool, seed: int = 1, every: int = 1
+) -> tuple[WeldWorld, WeldPlanner]:
+    state = v_groove().part(slice(None, None, every))
+    n = len(state.s)
     world, planner = weld_world(state, faults, seed), v_groove_planner(state)
     for _ in range(6):
         bead = planner.next_bead()
         world.weld(torch_trace(bead))
         planner.after_bead(bead)
         if looks:
-            planner.take_look(world.state.u, world.state.w, SURE, EVERYWHERE)
+            planner.take_look(world.state.u, world.state.w, SURE[:n], EVERYWHERE[:n])
     return world, planner
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_the_wire_offset_is_learnt_however_far_apart_the_stations_of_a_weld_are(every: int) -> None:
+    _, planner = weld_all(replace(FAULTS, wander=0.0), looks=True, every=every)
+    assert planner.deviation is not None
+    assert planner.learner.offset.value == pytest.approx(FAULTS.offset, abs=0.2e-3)
 
 
 def fill_error(world: WeldWorld) -> Array:

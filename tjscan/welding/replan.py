@@ -51,8 +51,8 @@ LEAST_LAYER_SHARE: Final = 0.02
 LEAST_CARRIED_SHARE: Final = 0.02
 """Share of the wanted area from which what a limit of the WPS leaves counts."""
 
-PLANNING_STRIDE: Final = 5
-"""Aims are sought at every such station."""
+PLANNING_STEP: Final = 10e-3
+"""Aims are sought at stations so far apart, and bead centres compared there, metres."""
 
 SMOOTHING_LENGTH: Final = 10e-3
 """Standard deviation of the smoothing of aim and area along the groove, metres."""
@@ -265,7 +265,7 @@ class WeldPlanner:
             state, layer_area, share, left, key=(layer, int(part.rows[0]))
         )
         s = state.s
-        coarse = s[::PLANNING_STRIDE]
+        coarse = s[_planning_rows(s)]
         step = float(np.median(np.diff(s)))
         smooth = [
             gaussian_filter1d(np.interp(s, coarse, row), SMOOTHING_LENGTH / step, mode="nearest")
@@ -357,7 +357,7 @@ class WeldPlanner:
         self, state: WeldState, layer_area: Array, share: float, left: int, key: tuple[int, int]
     ) -> tuple[Array, Array]:
         """Aims and parts of the layer's area for its remaining beads, each (left, k)."""
-        rows = slice(None, None, PLANNING_STRIDE)
+        rows = _planning_rows(state.s)
         state, area = planning_columns(state.part(rows)), layer_area[rows]
         target, last = WeldTarget.over(state, self.order.cap_height), share >= 1
         top = layer_top(state, target, share, area)
@@ -503,7 +503,7 @@ class WeldPlanner:
         read: Mask,
     ) -> None:
         """Learn the torch's offset from where the last bead's centre lies."""
-        of_bead = np.flatnonzero(read[part.rows])[::PLANNING_STRIDE]
+        of_bead = np.flatnonzero(read[part.rows])[_planning_rows(bead.s)]
         rows = part.rows[of_bead]
         old, new = before.part(rows), self.belief.part(rows)
         aim = bead.aim[of_bead, 0]
@@ -533,6 +533,11 @@ class WeldPlanner:
         beads = [laid(centre=at, tilt=tilt).w - old.w for at, tilt in tried]
         found, moved, upright = (_bead_centres(old, one, aim, width) for one in beads)
         return (moved - found) / SENSITIVITY_STEP, np.stack((upright - aim, found - upright))
+
+
+def _planning_rows(s: Array) -> slice:
+    """Those of evenly spaced stations that lie `PLANNING_STEP` apart, as nearly as can be."""
+    return slice(None, None, max(1, round(PLANNING_STEP / float(np.median(np.diff(s))))))
 
 
 def _bead_centres(old: WeldState, added: Array, aim: Array, width: Array) -> Array:
