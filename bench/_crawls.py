@@ -27,6 +27,32 @@ from tjscan.joint.hull import joint_line_pose, laser_offset
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import AutomaticWeldOperator, CrawlContext
 
+SHORT_CRAWL: Final = """
+[vehicle]
+id = "crawler-1"
+[alignment]
+length_mm = 50
+longest_mm = 100
+offset_mm = 20
+offset_sigma_mm = 20
+in_view_s = 0.1
+return_speed_mm_s = 40
+speed_mm_s = 40
+[guards]
+torch_sigma_mm = 20
+[weld]
+length_m = 0.03
+run_up_mm = 30
+procedure = "WPS-1"
+[[pass]]
+speed_mm_s = 20
+[simulation.vehicle]
+start_mm = [-30.0, 1.0]
+[simulation.vehicle.slip]
+ratio = 0.1
+"""
+"""A job of one short pass."""
+
 SHIPPED: Final = tomllib.loads(
     (Path(__file__).parents[1] / "examples" / "crawl.toml").read_text(encoding="utf-8")
 )

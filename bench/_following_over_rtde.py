@@ -13,7 +13,7 @@ from itertools import cycle, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Timer
-from time import process_time, sleep
+from time import monotonic, process_time, sleep
 from typing import Any, Final
 
 import numpy as np
@@ -59,6 +59,9 @@ FAULT_DURATION: Final = 1.0
 
 LONGEST_WAIT: Final = 6.0
 """Seconds after the arm begins to follow within which the fault comes."""
+
+LONGEST_END: Final = 4.0
+"""Seconds in which a program that follows a path ends of itself."""
 
 ON_PATH: Final = 1e-3
 """Radians by which an arm that lags behind cuts the corners of its path."""
@@ -146,11 +149,13 @@ class Watch:
 
 
 def await_end_of_program(loopback: UrLoopbackProcess) -> None:
-    """Let the controller go on, until its program has ended."""
+    """Let the controller go on, until its program has ended; a link that broke can't end it."""
     loopback.schedule_fault("clear")
-    dashboard = DashboardClient(HOST)
+    dashboard, until = DashboardClient(HOST), monotonic() + LONGEST_END
     while dashboard.ask_dashboard_value("running") != "false":
         sleep(0.05)
+        if monotonic() > until:
+            dashboard.stop_program()
     dashboard.close()
 
 

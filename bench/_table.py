@@ -97,6 +97,30 @@ def main(title: str, measure: Callable[[], Iterable[Row]], arguments: list[str])
     return 0 if all(row.holds for row in rows) else 1
 
 
+def numbers_to_draw(arguments: list[str], word: str, count: int, *, first: int) -> range:
+    """Numbers from ``--first N`` on, as many as ``word N`` states, two if ``--quick``.
+
+    Parameters
+    ----------
+    arguments : list of str
+        Of the command line; these options are taken out of it.
+    word : str
+        Name of the option that states how many.
+    count, first : int
+        What counts if they are left out.
+    """
+    stated = {word: count, "--first": first}
+    if "--quick" in arguments:
+        arguments.remove("--quick")
+        stated[word] = 2
+    for option in stated:
+        if option in arguments:
+            at = arguments.index(option)
+            stated[option] = int(arguments[at + 1])
+            del arguments[at : at + 2]
+    return range(stated["--first"], stated["--first"] + stated[word])
+
+
 def _line(row: Row) -> str:
     measured = f"{row.judged:.3g} {row.unit}".strip()
     verdict = "holds" if row.holds else "FALLS SHORT"

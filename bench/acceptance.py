@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
-from _table import Row, main
+from _table import Row, main, numbers_to_draw
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
 from tjscan.core.units import pose_to_rows_mm
@@ -71,15 +71,6 @@ def measure(seeds: range) -> Iterator[Row]:
 
 
 if __name__ == "__main__":
-    ARGUMENTS, FIRST, COUNT = sys.argv[1:], 1, 20
-    if "--quick" in ARGUMENTS:
-        ARGUMENTS.remove("--quick")
-        COUNT = 2
-    for option in ("--first", "--seeds"):
-        if option in ARGUMENTS:
-            at = ARGUMENTS.index(option)
-            value = int(ARGUMENTS[at + 1])
-            FIRST, COUNT = (value, COUNT) if option == "--first" else (FIRST, value)
-            del ARGUMENTS[at : at + 2]
-    DRAWN = range(FIRST, FIRST + COUNT)
+    ARGUMENTS = sys.argv[1:]
+    DRAWN = numbers_to_draw(ARGUMENTS, "--seeds", 20, first=1)
     sys.exit(main("acceptance", lambda: measure(DRAWN), ARGUMENTS))

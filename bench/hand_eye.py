@@ -18,6 +18,7 @@ from _table import Row, main
 from _targets import TargetSimulator, calibrate_on_plane
 from scipy.spatial.transform import Rotation
 
+from tjscan.calibration.arm.calibrate import ArmModel, TargetInPostures, calibrate_arm
 from tjscan.calibration.closed_form import PluckerPlane, plane_through_point, solve_closed_form
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.hand_eye import calibrate_on_targets
@@ -27,6 +28,7 @@ from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import LineFit, fit_line, stack_lines
 from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard, fit_plane
+from tjscan.calibration.targets.point import start_of_points
 from tjscan.calibration.targets.roof import RoofFit, SeenRoof, fit_roof
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
 from tjscan.calibration.wizard.logbook import LaserLineTaken, MeasurementsSoFar
@@ -41,7 +43,9 @@ from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
 from tjscan.laser.model import LaserModel, MeasuringRange
 from tjscan.laser.profile import Profile
+from tjscan.robot.deviations import deviate_joint_frames
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.settings import PlacementTolerance
 from tjscan.runs.calibration.run import start_calibration
 from tjscan.runs.scan.run import ScanContext, run_scan
 
@@ -53,6 +57,9 @@ SPOILED_RUNS: Final = 240
 SPOILED_BY: Final = 2 * MM
 HALF_BOARD: Final = (0.15, 0.15)
 """Half the sides of the touched pattern, 3 x 3 points, in metres."""
+TRACKER_SIGMA: Final = 4e-6
+"""Metres, each axis."""
+TRACKED_POSES: Final = 300
 SETS: Final = 10
 """Of each kind of mistake; a set that fits no account takes seconds to refuse."""
 QUICK_SETS: Final = 2
@@ -479,9 +486,51 @@ def made_sets(count: int) -> list[Row]:
     ]
 
 
+def tracked_arms(seeds: range) -> list[Row]:
+    """Arms whose joints' frames have moved, and the points that a tracker measures of them."""
+    noise, tolerance = (
+        NoiseModel(position=1e-7, rotation=1e-7, touch=TRACKER_SIGMA),
+        PlacementTolerance(),
+    )
+    held_out, p_f = np.arange(TRACKED_POSES) % 5 == 2, np.array((0.06, -0.11, 0.14))
+    before, after, squares = [], [], []
+    for name in ("ur5e", "ur10e", "ur20"):
+        arm = Kinematics.load(name)
+        for seed in seeds:
+            rng = np.random.default_rng(seed)
+            T_t_b = pose(Rotation.random(rng=rng).as_matrix(), rng.uniform(-3, 3, 3))
+            true = deviate_joint_frames(arm, tolerance.sigmas * rng.standard_normal((6, 6)))
+            q = rng.uniform(-np.pi, np.pi, (TRACKED_POSES, 6))
+            points = [transform_points(T_t_b @ true.forward(one), p_f) for one in q]
+            points += TRACKER_SIGMA * rng.standard_normal((TRACKED_POSES, 3))
+            T_b_f = np.array([arm.forward(one) for one in q])
+            model, start = start_of_points(np.array(points), T_b_f, noise)
+            target = TargetInPostures(model, q, T_b_f, start)
+            found = calibrate_arm(ArmModel(arm, (target,)), held_out, tolerance, np.eye(4))
+            before.append(found.error_before)
+            after.append(found.error_after)
+            stacked = found.estimate.stacked
+            for k in np.flatnonzero(held_out):
+                own = stacked.profile == k
+                r, J = stacked.residuals[own], stacked.jacobian[own]
+                C = stacked.covariance[np.ix_(own, own)] + J @ found.estimate.covariance @ J.T
+                squares.append(r @ np.linalg.solve(C, r) / 3)
+    return [
+        Row("arm by tracker points, held out: least error before", min(before) / MM, np.inf, "mm"),
+        Row("the same: largest error after", max(after) / MM, 0.085, "mm"),
+        Row("the same: normalised error squared", float(np.mean(squares)), 1.1, "", 0.9),
+    ]
+
+
 def measure(quick: bool) -> list[Row]:
     if quick:
-        return [*real_sets(), *straight_lines(), *recorded(), *made_sets(QUICK_SETS)]
+        return [
+            *real_sets(),
+            *straight_lines(),
+            *recorded(),
+            *tracked_arms(range(2)),
+            *made_sets(QUICK_SETS),
+        ]
     stage = Stage.set_up()
     return [
         *noise_free(stage),
@@ -492,6 +541,7 @@ def measure(quick: bool) -> list[Row]:
         *recorded(),
         *real_sets(),
         *straight_lines(),
+        *tracked_arms(range(10)),
         *made_sets(SETS),
     ]
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 from _boxes import faults_of_buttons, faults_of_page, watched_figures
 from _browser import open_file, started_browser, why_no_browser
+from _crawls import SHORT_CRAWL
 from _live_browser import COMMAND, opened_page, served_page
 from _table import Row, main
 
@@ -32,32 +33,6 @@ WIDTHS: Final = (1500, 1000, 390)
 """Pixels of the windows."""
 
 PHONE: Final[ViewportSize] = {"width": 390, "height": 780}
-
-CRAWL_JOB: Final = """
-[vehicle]
-id = "crawler-1"
-[alignment]
-length_mm = 50
-longest_mm = 100
-offset_mm = 20
-offset_sigma_mm = 20
-in_view_s = 0.1
-return_speed_mm_s = 40
-speed_mm_s = 40
-[guards]
-torch_sigma_mm = 20
-[weld]
-length_m = 0.03
-run_up_mm = 30
-procedure = "WPS-1"
-[[pass]]
-speed_mm_s = 20
-[simulation.vehicle]
-start_mm = [-30.0, 1.0]
-[simulation.vehicle.slip]
-ratio = 0.1
-"""
-"""Of a short crawl."""
 
 Words = tuple[str | Path, ...]
 
@@ -97,7 +72,7 @@ def measure(runs: dict[str, Words]) -> Iterator[Row]:
         return
     with TemporaryDirectory() as name, started_browser() as browser:
         folder = Path(name)
-        (folder / "crawl.toml").write_text(CRAWL_JOB, encoding="utf-8")
+        (folder / "crawl.toml").write_text(SHORT_CRAWL, encoding="utf-8")
         for run, words in runs.items():
             call(folder, *words, "--out", run)
         call(folder, "plan", "scan", "--wps", EXAMPLES / "wps.toml", "--gravity", "0", "0", "-1")

@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 import tomli_w
-from _table import Row, main
+from _table import Row, main, numbers_to_draw
 
 ARMS: Final = ("ur10e", "ur20", "ur5e", "ur16e")
 LONGEST: Final = 30.0
@@ -111,16 +111,7 @@ def measure(joints: range, arms: tuple[str, ...]) -> Iterator[Row]:
 
 
 if __name__ == "__main__":
-    ARGUMENTS, FIRST, JOINTS = sys.argv[1:], 0, 40
-    CHOSEN: tuple[str, ...] = ARMS
-    if "--quick" in ARGUMENTS:
-        ARGUMENTS.remove("--quick")
-        JOINTS, CHOSEN = 2, ARMS[:2]
-    for option in ("--first", "--joints"):
-        if option in ARGUMENTS:
-            at = ARGUMENTS.index(option)
-            value = int(ARGUMENTS[at + 1])
-            FIRST, JOINTS = (value, JOINTS) if option == "--first" else (FIRST, value)
-            del ARGUMENTS[at : at + 2]
-    DRAWN = range(FIRST, FIRST + JOINTS)
+    ARGUMENTS = sys.argv[1:]
+    CHOSEN = ARMS[:2] if "--quick" in ARGUMENTS else ARMS
+    DRAWN = numbers_to_draw(ARGUMENTS, "--joints", 40, first=0)
     sys.exit(main("joints of one's own", lambda: measure(DRAWN, CHOSEN), ARGUMENTS))

@@ -478,13 +478,13 @@ def test_a_fixed_sensor_is_kept_in_the_base(tmp_path: Path) -> None:
     assert np.linalg.norm(off) < 4e3 * GOOD[0]
 
 
-def write_ball_files(folder: Path, unit: str = "mm") -> None:
+def write_ball_files(folder: Path, unit: str = "mm", sign: int = 1) -> None:
     """A recording with a file a profile, and poses without units."""
     rng, scale = np.random.default_rng(21), {"mm": 1e3, "m": 1.0}[unit]
     poses = BALL.poses(rng, 14, "ball")
     for k, T in enumerate(poses, start=1):
         profile = BALL.ball_profile(T, rng)
-        columns = scale * np.column_stack((profile.z_s, profile.x_s))
+        columns = scale * np.column_stack((sign * profile.z_s, profile.x_s))
         np.savetxt(folder / f"shot_{k}.csv", columns, delimiter=",", header="range,position")
     rows = [(*(scale * T[:3, 3]), *Rotation.from_matrix(T[:3, :3]).as_quat()) for T in poses]
     write_rows(folder / "robot.csv", ("x", "y", "z", "qx", "qy", "qz", "qw"), rows)
@@ -508,6 +508,18 @@ def test_a_folder_of_profiles_and_poses_is_calibrated_and_checked_without_a_job(
     assert off @ np.linalg.solve(found.covariance_si, off) < chdtri(6, 1e-3)
     assert np.linalg.norm(off[:3]) < GOOD[0]
     assert tjscan("calibrate", tmp_path, *words, "--check", run / "calibration.toml") == 0
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_heights_that_grow_towards_the_sensor_are_told_by_a_ball(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], *, stated: bool
+) -> None:
+    write_ball_files(tmp_path, sign=-1)
+    words = ("--target", "ball", *(("--z-scale", "-1") if stated else ()))
+    assert tjscan("calibrate", tmp_path, *words, "--out", tmp_path / "run") == 0
+    assert ("state --z-scale -1" in " ".join(capsys.readouterr().err.split())) != stated
+    z = read_calibration(tmp_path / "run" / "calibration.toml").T_f_s[:3, 2]
+    assert z @ T_F_S[:3, 2] == pytest.approx(1.0 if stated else -1.0, abs=1e-3)
 
 
 def test_a_recording_without_a_job_is_asked_for_what_can_not_be_known(

@@ -15,7 +15,7 @@ from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.toml_hints import unit_hint
 from tjscan.core.units import PoseSettings
-from tjscan.robot.settings import ArmSimulationSettings
+from tjscan.robot.settings import ArmSimulationSettings, ClearanceMargins, SolidSettings
 from tjscan.scanning.plan import ScanPlan
 
 
@@ -72,6 +72,21 @@ def test_right_angles_in_radians_are_named_and_small_tilts_are_not() -> None:
     assert "write [180.0" in told
     validate_table(PoseSettings, place | {"euler_zyx_deg": [1.2, -0.7, 0.3]})
     validate_table(PoseSettings, place | {"euler_zyx_deg": [1.5708, 90.0, 0.0]})
+    # Small poses in which one number looks like a right angle, or is as round as any angle.
+    validate_table(PoseSettings, place | {"euler_zyx_deg": [3.14159, -0.4, 1.2]})
+    validate_table(PoseSettings, place | {"euler_zyx_deg": [0.0, 1.57, 0.0]})
+    validate_table(PoseSettings, place | {"euler_zyx_deg": [3.14, 0.0, 0.0]})
+
+
+def test_thin_solids_and_small_margins_are_none_of_another_unit() -> None:
+    sheet = {"name": "sheet", "kind": "box", "position_mm": [0, 0, 0], "size_mm": [900, 900, 0.8]}
+    wire = {"name": "wire", "kind": "cylinder", "radius_mm": 0.6, "length_mm": 40}
+    for solid in (sheet, sheet | wire | {"size_mm": None}):
+        stated = {key: value for key, value in solid.items() if value is not None}
+        validate_table(SolidSettings, stated)
+    assert "metres: write 96" in refusal(SolidSettings, sheet | {"size_mm": [0.096, 0.06, 0.085]})
+    assert validate_table(ClearanceMargins, {"margin_mm": 0.2})
+    assert "metres: write 10" in refusal(ClearanceMargins, {"margin_mm": 0.01})
 
 
 @pytest.mark.parametrize(

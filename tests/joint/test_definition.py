@@ -88,6 +88,7 @@ def test_tolerances_are_stated_or_none(tmp_path: Path) -> None:
         ("[90.0, 50.0]", "[90.0, 5.0]", "groove.angle_deg", "20°"),
         ("[90.0, 50.0]", "[150.0, 50.0]", "groove.angle_deg", "grow"),
         ("[[90.0, 50.0], [140.0, 65.0]]", "[]", "groove.angle_deg", "pair"),
+        ("[[90.0, 50.0], [140.0, 65.0]]", "50.0", "groove.angle_deg", "[[90.0, 50.0]]"),
         ("[90.0, 50.0]", "[90.0, 50.0, 1.0]", "groove.angle_deg.0", "at most 2"),
         ("root_opening_mm = 4.0", "root_opening_mm = 30.0", "groove.root_opening_mm", "25.4"),
         ("root_opening_mm = 4.0", "root_opening_mm = nan", "groove.root_opening_mm", "finite"),

@@ -378,7 +378,7 @@ def test_no_unit_is_assumed_that_would_be_wrong(tmp_path: Path, scale: float) ->
     """Widths between those of two units; whole numbers, which may count anything."""
     numbers = V_MM * scale
     numbers = np.round(numbers) if scale == 2.0 else numbers
-    with pytest.raises(ConfigurationError, match="--units"):
+    with pytest.raises(ConfigurationError, match=r"profiles\.csv.*--units"):
         read_profiles(write(tmp_path, written(numbers, "x,z")), ProfileFormat())
 
 

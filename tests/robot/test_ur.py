@@ -101,6 +101,16 @@ def test_moves_arrive_where_they_were_told_to(loopback: UrLoopbackProcess) -> No
         assert arm.state().time >= before.time
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-9, 2e-6])
+def test_a_line_to_where_the_arm_is_moves_nothing(loopback: UrLoopbackProcess, off: float) -> None:
+    with arm_at(loopback.host) as arm:
+        here = arm.move_joint_to_pose(beside_home())
+        for _ in range(2):
+            state = arm.move_linear(here.T_b_f @ pose(p=(off, 0.0, 0.0)))
+        np.testing.assert_allclose(state.T_b_f, here.T_b_f, atol=1e-5)
+        arm.move_linear(beside_home(0.02))
+
+
 def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: UrLoopbackProcess) -> None:
     settings = UrSettings(loopback.host, payload=1.25, payload_centre=(0.0, 0.01, 0.08))
     with UrArm(KINEMATICS, settings) as arm:

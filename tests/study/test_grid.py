@@ -124,6 +124,25 @@ def test_an_arm_of_ones_own_goes_with_the_plan(expand: Expand, tmp_path: Path) -
         expand(job=str(job), fixed={"scan.sections": 4})
 
 
+@pytest.mark.parametrize("by_study", [False, True])
+def test_a_file_that_is_named_by_its_absolute_path_goes_with_the_plan(
+    expand: Expand, tmp_path: Path, *, by_study: bool
+) -> None:
+    job = job_in(tmp_path / "cell")
+    joint = (tmp_path / "elsewhere" / "joint.toml").absolute()
+    joint.parent.mkdir()
+    (job.parent / "tjoint-600x457.toml").rename(joint)
+    fixed: dict[str, object] = {"scan.sections": 4}
+    if by_study:
+        fixed["joint.file"] = str(joint)
+    else:
+        text = job.read_text(encoding="utf-8").replace("tjoint-600x457.toml", str(joint))
+        job.write_text(text, encoding="utf-8")
+    plan = expand(job=str(job), fixed=fixed)
+    joint.unlink()
+    assert resolved_of(plan, plan[0]).settings
+
+
 def test_jobs_of_one_name_are_told_apart_by_their_folders(expand: Expand, tmp_path: Path) -> None:
     jobs = [str(job_in(tmp_path / name)) for name in ("left", "right")]
     plan = expand(job=jobs, fixed={"scan.sections": 4})

@@ -69,6 +69,13 @@ KUKA_CONVENTION: Final = OrientationConvention(
     length_unit="mm",
     angle_unit="deg",
 )
+UR_CONVENTION: Final = OrientationConvention(
+    ("rx", "ry", "rz"),
+    "UR rotation vector: along the axis, as long as the angle",
+    lambda vector: np.asarray(rotations.matrix_from_compact_axis_angle(vector)),
+    length_unit="m",
+    angle_unit="rad",
+)
 ORIENTATION_CONVENTIONS: Final = (
     OrientationConvention(
         ("qx", "qy", "qz", "qw"),
@@ -83,13 +90,7 @@ ORIENTATION_CONVENTIONS: Final = (
     ),
     FANUC_CONVENTION,
     KUKA_CONVENTION,
-    OrientationConvention(
-        ("rx", "ry", "rz"),
-        "UR rotation vector: along the axis, as long as the angle",
-        lambda vector: np.asarray(rotations.matrix_from_compact_axis_angle(vector)),
-        length_unit="m",
-        angle_unit="rad",
-    ),
+    UR_CONVENTION,
 )
 """Distinguished by the names of their columns."""
 

@@ -298,6 +298,15 @@ def see_target(
     fits, unread = fit_profiles(shots, TARGET_KINDS[kind].fit, noise)
     for name, refusal in unread.items():
         report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
+    z_s = {shot.name: shot.profile.z_s for shot in shots}
+    behind = [
+        one.fit.centre_s[2] - z_s[one.name][one.fit.inlier].mean() for one in fits if kind == "ball"
+    ]
+    if np.median(behind or [0.0]) < 0:
+        report(
+            "heights grow towards the sensor, as the ball shows: the pose is that of a frame whose "
+            "z points back to the sensor; for one as of this program state --z-scale -1 (z_scale)"
+        )
     return TARGET_KINDS[kind].see(fits, target, noise)
 
 

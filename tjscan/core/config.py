@@ -204,6 +204,8 @@ def _explain_error(model: Any, detail: ErrorDetails) -> str:
         return f"unknown key; did you mean: {meant}?"
     if detail["type"] in ("model_type", "model_attributes_type", "dataclass_type"):
         return f"must be a table (found {_shortened_repr(detail['input'])})"
+    if detail["type"] in ("tuple_type", "list_type"):
+        return f"must be a list, as [1.0, 2.0] (found {_shortened_repr(detail['input'])})"
     if detail["type"] == "missing":
         return "this key is required"
     if detail["type"] == "literal_error":

@@ -291,11 +291,11 @@ EulerAngles = Annotated[tuple[Coordinate, Coordinate, Coordinate], DEG]
 """Three angles, radians."""
 
 
-RIGHT_ANGLES_RAD: Final = (1.57, 1.571, 1.5708, 1.570796, 3.14, 3.142, 3.1416, 3.14159, 3.141593)
-"""A quarter and half a turn as radians are written; in degrees they are hardly ever meant."""
+RIGHT_ANGLES_RAD: Final = (0.0, 1.5708, 1.570796, 3.1416, 3.14159, 3.141593)
+"""None, a quarter and half a turn as radians are written; no degrees are meant so exactly."""
 
 
-def refuse_radians(key: str, angles: tuple[float, ...], signs: tuple[float, ...] | None) -> None:
+def refuse_radians(key: str, angles: tuple[float, ...], *, right: bool) -> None:
     """Refuse angles in degrees that were radians, and say what to write.
 
     Parameters
@@ -304,19 +304,20 @@ def refuse_radians(key: str, angles: tuple[float, ...], signs: tuple[float, ...]
         Where they are in the file, degrees.
     angles : tuple of float
         Radians.
-    signs : tuple of float, optional
-        Numbers of the file one of which must be among them; any fraction, if left out.
+    right : bool
+        Whether only right angles in radians show it, and no other angle beside them; otherwise
+        any fraction does.
 
     Raises
     ------
     ValueError
-        If none is more than a turn in radians, and there is such a sign.
+        If none is more than a turn in radians, and it shows.
     """
     written = DEG.to_file(angles)
-    if max(map(abs, written), default=0.0) > 2 * np.pi:
-        return
     sizes = [round(abs(v), 6) for v in written]
-    if any(round(v, 1) != v if signs is None else v in signs for v in sizes):
+    if not any(sizes) or max(sizes) > 2 * np.pi:
+        return
+    if all(v in RIGHT_ANGLES_RAD for v in sizes) if right else any(round(v, 1) != v for v in sizes):
         meant = [round(degrees(v), 3) for v in written]
         raise ValueError(f"{key}: {list(written)} looks like radians: write {meant}")
 
@@ -337,7 +338,7 @@ class PoseSettings(SettingsTable):
     euler_zyx: EulerAngles
 
     def __post_init__(self) -> None:
-        refuse_radians("euler_zyx_deg", self.euler_zyx, RIGHT_ANGLES_RAD)
+        refuse_radians("euler_zyx_deg", self.euler_zyx, right=True)
 
     @property
     def T(self) -> Array:

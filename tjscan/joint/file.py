@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, NoReturn, Self
 
 import numpy as np
-from pydantic import Field, Strict, model_validator
+from pydantic import Field, Strict, field_validator, model_validator
 
 from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
@@ -248,6 +248,16 @@ class GrooveDimensions(StrictFileModel):
     root_opening_mm: SmallLengthMm
     root_face_mm: SmallLengthMm
     root_bead_mm: SmallLengthMm
+
+    @field_validator("angle_deg", mode="before")
+    @classmethod
+    def _refuse_one_angle(cls, angles: Any) -> Any:
+        if isinstance(angles, int | float):
+            raise ValueError(
+                f"must be pairs of dihedral and groove angle; [[90.0, {angles}]] is {angles}° all "
+                "round"
+            )
+        return angles
 
     @model_validator(mode="before")
     @classmethod

@@ -281,12 +281,13 @@ class SimulatedLaser(LocalDevice):
 
     def stream(self, period: float) -> Iterator[StreamedProfile]:
         """Take profiles as the arm moves. See `StreamingLaser.stream`."""
-        model, waited = self.model, 0.0
+        model, due = self.model, self._clock() + period
         while True:
-            self._pass_time(max(period - waited, 0.0))
+            self._pass_time(max(due - self._clock(), 0.0))
             profile = self.capture()
-            waited = max(model.delay + model.delay_jitter * self._rng.standard_normal(), 0.0)
-            self._pass_time(waited)
+            due = max(due + period, profile.time)
+            delay = model.delay + model.delay_jitter * self._rng.standard_normal()
+            self._pass_time(max(delay, 0.0))
             stamp = (profile.time + model.clock_offset) * (1.0 + model.clock_drift)
             yield StreamedProfile(replace(profile, time=stamp))
 

@@ -33,10 +33,10 @@ class ClearanceMargins(SettingsTable):
     """
 
     solids: Annotated[
-        float, Ge(0), Le(500), units.ZeroOrAtLeast(0.5), units.MM.with_key("margin_mm")
+        float, Ge(0), Le(500), units.ZeroOrAtLeast(0.05), units.MM.with_key("margin_mm")
     ] = 0.01
     own: Annotated[
-        float, Ge(0), Le(500), units.ZeroOrAtLeast(0.5), units.MM.with_key("self_margin_mm")
+        float, Ge(0), Le(500), units.ZeroOrAtLeast(0.05), units.MM.with_key("self_margin_mm")
     ] = 0.005
     singular: Annotated[float, Ge(0), Le(1), units.FileKey("smallest_singular_value")] = 0.02
 
@@ -134,7 +134,7 @@ class ArmSimulationSettings(SettingsTable):
     errors: ArmErrorSettings | None = None
 
     def __post_init__(self) -> None:
-        units.refuse_radians("home_deg", self.home, None)
+        units.refuse_radians("home_deg", self.home, right=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +203,8 @@ class Solid:
 
 
 _LengthMm = Annotated[float, Ge(1), Le(units.FARTHEST_DISTANCE_MM)]
+_RadiusMm = Annotated[float, Ge(0.5), Le(units.FARTHEST_DISTANCE_MM)]
+_SideMm = Annotated[float, Ge(0.1), Le(units.FARTHEST_DISTANCE_MM)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,8 +226,8 @@ class SolidSettings(PoseSettings):
     euler_zyx: units.EulerAngles = (0.0, 0.0, 0.0)
     name: Annotated[str, MinLen(1)]
     kind: Literal["box", "cylinder", "capsule"]
-    size: Annotated[tuple[_LengthMm, _LengthMm, _LengthMm] | None, units.MM] = None
-    radius: Annotated[_LengthMm | None, units.MM] = None
+    size: Annotated[tuple[_SideMm, _SideMm, _SideMm] | None, units.MM] = None
+    radius: Annotated[_RadiusMm | None, units.MM] = None
     length: Annotated[_LengthMm | None, units.MM] = None
 
     def __post_init__(self) -> None:

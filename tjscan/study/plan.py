@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import atexit
 import hashlib
+import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import prod
@@ -177,9 +178,15 @@ def plan_study(file: Path, backend_of: BackendOfTask) -> StudyPlan:
     swept = [value for axis in study.settings_by_axis(kind.seed) for value in axis]
     paths = {Path(os.path.normpath(path)) for job in jobs for path in _files_of(job, study, swept)}
     root = Path(os.path.commonpath([path.parent for path in paths]))
-    texts = {path.relative_to(root).as_posix(): _read_text(path) for path in sorted(paths)}
+    texts = {
+        path.relative_to(root).as_posix(): _with_relative_paths(
+            _read_text(path), paths, path.parent
+        )
+        for path in sorted(paths)
+    }
+    table = canonical_json(table_to_dict(study))
     plan = StudyPlan(
-        table_to_dict(study),
+        json.loads(_with_relative_paths(table, paths.difference(jobs), jobs[0].parent)),
         kind.seed,
         tuple(Path(os.path.normpath(job)).relative_to(root).as_posix() for job in jobs),
         texts,
@@ -256,6 +263,15 @@ def _files_of(job: Path, study: StudyFile, swept: Sequence[Mapping[str, Any]]) -
                     raise ConfigurationError(reason, file=job, key="arm.model")
                 continue
             yield named
+
+
+def _with_relative_paths(text: str, paths: Iterable[Path], folder: Path) -> str:
+    """The text of a file or table with absolute paths of copied files as seen from a folder."""
+    for path in paths:
+        for quote in "\"'":
+            seen = Path(os.path.relpath(path, folder)).as_posix()
+            text = text.replace(f"{quote}{path}{quote}", f"{quote}{seen}{quote}")
+    return text
 
 
 def _texts_in(value: Any) -> Iterator[str]:

@@ -13,7 +13,7 @@ from cells import EXAMPLES
 from command import tjscan
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
-from tjscan.core.errors import AcceptanceRefused
+from tjscan.core.errors import AcceptanceRefused, ConfigurationError
 from tjscan.core.frames import pose
 from tjscan.job.files import read_acceptance_job
 from tjscan.robot.arm import ArmState
@@ -111,6 +111,30 @@ def test_the_same_again_shows_drift_in_sigmas_and_who_measured(
     assert drifted[0].drift == pytest.approx(4.0)
     assert not later.passes
     assert tjscan("accept", JOB, "--against", directory, "--arm.id", "another") == 2
+
+
+def test_of_a_folder_the_first_acceptance_that_passed_counts(
+    accepted: tuple[run.Acceptance, Path, run.Measured], tmp_path: Path
+) -> None:
+    found, directory, _ = accepted
+    record = json.loads((directory / "acceptance.json").read_text())
+
+    def put(name: str, day: int, *, passes: bool) -> None:
+        rows = [row | ({} if passes else {"measured": 1e3}) for row in record["rows"]]
+        (tmp_path / name).mkdir()
+        text = json.dumps(record | {"date": f"2026-01-{day:02d}T08:00:00Z", "rows": rows})
+        (tmp_path / name / "acceptance.json").write_text(text)
+
+    job = read_acceptance_job(JOB, FEW)
+    for day, name in enumerate(("failed", "again"), start=1):
+        put(name, day, passes=False)
+    with pytest.raises(ConfigurationError, match="none of its acceptances passed"):
+        run.read_earlier_acceptance(tmp_path, job)
+    assert run.read_earlier_acceptance(tmp_path / "failed", job).date.day == 1
+    for day, name in enumerate(("passed", "later"), start=3):
+        put(name, day, passes=True)
+    assert run.read_earlier_acceptance(tmp_path, job).date.day == 3
+    assert found.passes
 
 
 def test_another_ball_is_no_drift_and_what_was_not_measured_has_none(

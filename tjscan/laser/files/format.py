@@ -108,6 +108,8 @@ def explain_unreadable_table(file: Path) -> Iterator[None]:
     """Turn errors of reading a table of numbers into a `ConfigurationError` that names its file."""
     try:
         yield
+    except ConfigurationError as error:
+        raise ConfigurationError(error.message, file=error.file or file, key=error.key) from None
     except FileNotFoundError:
         near = nearest_word(file.name, [f.name for f in file.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=file) from None

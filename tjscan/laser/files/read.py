@@ -216,18 +216,18 @@ def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
     except OSError:
         raise
     except Exception as error:  # its header is read as Python, which stumbles over many things
-        raise ConfigurationError(f"is no array of numbers: {error}", file=file) from None
+        raise ConfigurationError(f"is no array of numbers: {error}") from None
     if not isinstance(found, np.ndarray) or found.dtype.kind not in "iuf" or found.size == 0:
-        raise ConfigurationError("is no array of numbers", file=file)
+        raise ConfigurationError("is no array of numbers")
     values, table = found.astype(float), FileProfiles()
     values[np.isinf(values)] = np.nan
     names = [f"row {i + 1}" for i in range(len(values))]
     if values.ndim == 1:
-        add_matrix_profiles(file, table, [file.name], values[None], form)
+        add_matrix_profiles(table, [file.name], values[None], form)
     elif values.ndim == 2 and values.shape[1] == POINT_COORDINATES < len(values):
         add_points(file, table, values, form)
     elif values.ndim == 2 and values.shape[1] != 2:
-        add_matrix_profiles(file, table, names, values, form)
+        add_matrix_profiles(table, names, values, form)
     elif values.ndim in (2, 3) and values.shape[-1] == 2:
         several = values if values.ndim == 3 else values[None]
         scale = file_format.metres_per_number(
@@ -238,7 +238,7 @@ def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
         for i, name in enumerate(names if values.ndim == 3 else [file.name]):
             table.profiles[name] = file_format.profile_of_columns(x[i], z[i])
     else:
-        raise ConfigurationError(f"an array of shape {values.shape} is no profile", file=file)
+        raise ConfigurationError(f"an array of shape {values.shape} is no profile")
     return table
 
 
@@ -249,7 +249,7 @@ def read_ply_profile(file: Path, form: ProfileFormat) -> FileProfiles:
     except ConfigurationError:
         raise
     except Exception as error:  # trimesh raises whatever its parser stumbles on
-        raise ConfigurationError(f"is no PLY with points: {error}", file=file) from None
+        raise ConfigurationError(f"is no PLY with points: {error}") from None
     table = FileProfiles()
     add_points(file, table, np.asarray(points), form)
     return table
@@ -282,7 +282,7 @@ def add_points(file: Path, table: FileProfiles, points: Array, form: ProfileForm
 
 
 def add_matrix_profiles(
-    file: Path, table: FileProfiles, names: Sequence[str], heights: Array, form: ProfileFormat
+    table: FileProfiles, names: Sequence[str], heights: Array, form: ProfileFormat
 ) -> None:
     """Add profiles of heights, shape (m, n), at columns a pitch apart, x = 0 in the middle.
 
@@ -293,7 +293,7 @@ def add_matrix_profiles(
         table.notes.append(f"{names[0]} steps evenly: it holds the columns' x, and is no profile")
         x, heights, names = heights[0], heights[1:], names[1:]
     else:
-        x = x_of_columns(file, heights.shape[1], form, "a matrix of profiles")
+        x = x_of_columns(heights.shape[1], form, "a matrix of profiles")
     scale = file_format.metres_per_number(x, heights, form, table, "a matrix of profiles")
     z = file_format.heights_from_sensor(heights, scale, form, table)
     for name, row in zip(names, z, strict=True):
@@ -308,14 +308,13 @@ def _is_evenly_spaced(row: Array) -> bool:
     )
 
 
-def x_of_columns(file: Path, count: int, form: ProfileFormat, what: str) -> Array:
+def x_of_columns(count: int, form: ProfileFormat, what: str) -> Array:
     """X of columns a pitch apart, in the file's unit."""
     if form.pitch is None:
         raise ConfigurationError(
             f"{what} needs the distance of its columns: --pitch, the width of a profile over its "
             f"{count - 1} steps. If its rows are points, name the columns in a first line: "
-            "x_mm,z_mm",
-            file=file,
+            "x_mm,z_mm"
         )
     if not 0 < form.pitch < math.inf:
         raise ConfigurationError(f"must be a positive number (found {form.pitch})", key="--pitch")
@@ -343,7 +342,7 @@ def profiles_of_text(file: Path, text: TextTable, form: ProfileFormat) -> FilePr
         If it is empty, or lacks a unit, a pitch or a column.
     """
     if not text.rows:
-        raise ConfigurationError("is empty", file=file)
+        raise ConfigurationError("is empty")
     if is_gocator_export(text):
         return _read_gocator(text, form)
     first = text.parse_numbers(text.rows[0][1])
@@ -389,7 +388,7 @@ def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles
             names.append(name)
             heights.append([v for v in values if v is not None][1 if indexed else 0 :])
     if heights:
-        add_matrix_profiles(file, table, names, np.array(heights), form)
+        add_matrix_profiles(table, names, np.array(heights), form)
     return table
 
 
@@ -397,7 +396,7 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
     """A point per row, in columns x and z; a column `PROFILE_COLUMNS` separates the profiles."""
     (header, first), *rows = text.rows
     names, table = [cell.lower() for cell in first], FileProfiles()
-    (x_at, x_unit), (z_at, z_unit) = _find_axes(file, text, form, table)
+    (x_at, x_unit), (z_at, z_unit) = _find_axes(text, form, table)
     pitched = x_at == z_at
     group_at = next((names.index(name) for name in PROFILE_COLUMNS if name in names), None)
     for at in (i for i, name in enumerate(names) if _match_axis(name, "y")):
@@ -423,7 +422,7 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
     lengths = [len(values) for values in points.values()]
     if pitched:
         what = "a table without a column x"
-        together[:, 0] = np.concatenate([x_of_columns(file, n, form, what) for n in lengths])
+        together[:, 0] = np.concatenate([x_of_columns(n, form, what) for n in lengths])
     unstated = replace(form, unit=form.unit or x_unit or z_unit)
     what = "a column without a unit in its name"
     scale = file_format.metres_per_number(together[:, 0], together[:, 1], unstated, table, what)
@@ -437,7 +436,7 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
 
 
 def _find_axes(
-    file: Path, text: TextTable, form: ProfileFormat, table: FileProfiles
+    text: TextTable, form: ProfileFormat, table: FileProfiles
 ) -> tuple[tuple[int, str | None], tuple[int, str | None]]:
     """Place and unit of the columns x and z; the same twice where points have no x but a pitch.
 
@@ -475,8 +474,7 @@ def _find_axes(
     lacks = "z" if "z" not in found else "x"
     shown = ", ".join(names[:12])[:200]
     raise ConfigurationError(
-        f"has no column {lacks} (found: {shown!r}): name them x_mm and z_mm in its first line",
-        file=file,
+        f"has no column {lacks} (found: {shown!r}): name them x_mm and z_mm in its first line"
     )
 
 

@@ -334,7 +334,8 @@ class UrArm(DeviceBase):
         with self._latch.hold_for_move():
             q = session.arm_state().q
             path = planner.linear_path(q, T_b_f) if linear else planner.joint_path(q, T_b_f, near)
-            if path.duration > 0:
+            # A controller's move without length ends before it is seen to begin.
+            if np.abs(path.q - q).max() > moving.LEAST_MOVING_TURN:
                 moving.check_target_is_safe(session, T_b_f)
                 if linear:
                     command = moving.linear_command(self.kinematics, session, path, T_b_f)

@@ -121,12 +121,12 @@ def check_certificate(job: AcceptanceJob, today: date) -> None:
 
 
 def read_earlier_acceptance(directory: Path, job: AcceptanceJob) -> Acceptance:
-    """Read an earlier acceptance of a job's cell: its file, its run, or the first of a folder.
+    """Read an earlier acceptance of a job's cell: its file, its run, or the first that passed.
 
     Raises
     ------
     ConfigurationError
-        If there is none of this arm and laser, or it can't be read.
+        If there is none of this arm and laser, none of several passed, or it can't be read.
     """
     files = [directory, directory / ACCEPTANCE_FILE, *directory.glob(f"*/{ACCEPTANCE_FILE}")]
     parse = TypeAdapter(Acceptance).validate_json
@@ -139,7 +139,10 @@ def read_earlier_acceptance(directory: Path, job: AcceptanceJob) -> Acceptance:
             + "".join(f"; there is one of {one.arm!r} with {one.laser!r}" for one in found[:3]),
             file=directory,
         )
-    return min(own, key=lambda one: one.date)
+    passed = [one for one in own if one.passes] or own[: len(own) == 1]
+    if not passed:
+        raise ConfigurationError("none of its acceptances passed: name one of them", file=directory)
+    return min(passed, key=lambda one: one.date)
 
 
 def _device_ids(job: AcceptanceJob) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """Rehearse a scan job: the way to its taught poses, what is seen there, and what is amiss if not.
 
-Of a job that fails the usual mistakes are undone one after the other: poses in metres, radians or
-rotation vectors, angles in another order, poses swapped. Only what then passes is proposed.
+Of a job that fails the usual mistakes are undone one after the other: radians, rotation vectors,
+angles in another order, a joint in metres, an inverse mount. Only what then passes is proposed.
 """
 
 from __future__ import annotations
@@ -12,11 +12,17 @@ from typing import Any, Final, cast
 
 import numpy as np
 
+from tjscan.calibration.pose_files import (
+    FANUC_CONVENTION,
+    KUKA_CONVENTION,
+    RADIANS_PER_UNIT,
+    UR_CONVENTION,
+    OrientationConvention,
+)
 from tjscan.core import errors
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
-from tjscan.core.frames import Array, inverse_pose, pose_to_euler_zyx
-from tjscan.core.pose_vector import rotation_from_vector
+from tjscan.core.frames import inverse_pose, pose, pose_to_euler_zyx
 from tjscan.core.units import DEG, MM, PoseSettings, pose_to_rows_mm
 from tjscan.groove.section import GrooveSection
 from tjscan.job.cell import Cell
@@ -142,7 +148,7 @@ def _jobs_without_a_mistake(context: ScanContext) -> Iterator[tuple[str, str, Sc
         corrected = _with(context, calibration=replace(table, T_f_s_mm=rows))
         yield "calibration.T_f_s_mm", remedy, corrected
     if job.joint is not None:
-        for name, read in POSE_READINGS.items():
+        for name, read in (("metres", _metres), *POSE_READINGS.items()):
             joint = read(job.joint)
             if joint != job.joint:
                 remedy = f"looks like {name}: write {_pose_in_file(joint)}"
@@ -173,38 +179,24 @@ def _metres(one: PoseSettings) -> PoseSettings:
     return replace(one, position=MM.to_file(one.position))
 
 
-def _radians(one: PoseSettings) -> PoseSettings:
-    angles = DEG.to_file(one.euler_zyx)
-    return replace(one, euler_zyx=angles) if max(map(abs, angles)) <= 2 * np.pi else one
+def _read_as(convention: OrientationConvention, unit: str) -> Reading:
+    """Read the numbers of an orientation by another convention, in radians or degrees."""
 
+    def read(one: PoseSettings) -> PoseSettings:
+        angles = RADIANS_PER_UNIT[unit] * np.array(DEG.to_file(one.euler_zyx))
+        if np.abs(angles).max() > 2 * np.pi:
+            return one
+        T = pose(convention.matrix(angles))
+        return replace(one, euler_zyx=tuple(pose_to_euler_zyx(T)[1].tolist()))
 
-def _reversed(one: PoseSettings) -> PoseSettings:
-    return replace(one, euler_zyx=one.euler_zyx[::-1])
-
-
-def _of_rotation_vector(one: PoseSettings, vector: Array) -> PoseSettings:
-    T = np.eye(4)
-    T[:3, :3] = rotation_from_vector(vector)
-    return replace(one, euler_zyx=tuple(pose_to_euler_zyx(T)[1].tolist()))
-
-
-def _rotation_vector_rad(one: PoseSettings) -> PoseSettings:
-    vector = np.array(DEG.to_file(one.euler_zyx))
-    return one if np.linalg.norm(vector) > 2 * np.pi else _of_rotation_vector(one, vector)
-
-
-def _rotation_vector_deg(one: PoseSettings) -> PoseSettings:
-    return _of_rotation_vector(one, np.array(one.euler_zyx))
+    return read
 
 
 POSE_READINGS: Final[dict[str, Reading]] = {
-    "metres": _metres,
-    "radians": _radians,
-    "roll, pitch, yaw [rx, ry, rz]": _reversed,
-    "roll, pitch, yaw [rx, ry, rz] in radians": lambda one: _reversed(_radians(one)),
-    "a rotation vector in radians": _rotation_vector_rad,
-    "a rotation vector in degrees": _rotation_vector_deg,
-    "metres and radians": lambda one: _metres(_radians(one)),
-    "metres and a rotation vector": lambda one: _metres(_rotation_vector_rad(one)),
+    "radians": _read_as(KUKA_CONVENTION, "rad"),
+    "roll, pitch, yaw [rx, ry, rz]": _read_as(FANUC_CONVENTION, "deg"),
+    "roll, pitch, yaw [rx, ry, rz] in radians": _read_as(FANUC_CONVENTION, "rad"),
+    "a rotation vector in radians": _read_as(UR_CONVENTION, "rad"),
+    "a rotation vector in degrees": _read_as(UR_CONVENTION, "deg"),
 }
-"""How a pose may have been written, and what it then means."""
+"""How an orientation may have been written, and what the pose then means."""
