@@ -25,6 +25,7 @@ from calibration_stage import (
     shots,
     varied,
 )
+from cells import EXAMPLES
 from command import tjscan
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
@@ -539,4 +540,5 @@ def test_a_recording_without_a_job_is_asked_for_what_can_not_be_known(
     assert "--poses" in refused(tmp_path, "--target", "ball")
     assert "nothing moves" in refused(tmp_path, "--target", "ball", "--unattended")
     job = write_job(tmp_path, record(tmp_path, circle(30)) | KNOWN)
-    assert "--radius-mm" in refused(job, "--radius-mm", "3")
+    for one in (job, EXAMPLES / "calibrate.toml"):
+        assert "leave out --radius-mm" in refused(one, "--radius-mm", "3")

@@ -492,7 +492,7 @@ def test_solids_of_a_job_stand_where_it_says() -> None:
         ({"kind": "cylinder", "radius_mm": 3.0}, "takes radius_mm and length_mm alone"),
         ({"kind": "capsule", "size_mm": [1.0, 1.0, 1.0]}, "takes radius_mm and length_mm alone"),
         ({"kind": "sphere", "radius_mm": 3.0}, "is none of"),
-        ({"kind": "cylinder", "radius_mm": -3.0, "length_mm": 1.0}, "greater than or equal to 1"),
+        ({"kind": "cylinder", "radius_mm": -3.0, "length_mm": 1.0}, "than or equal to 0.5"),
     ],
 )
 def test_a_solid_that_is_none_is_refused(solid: dict[str, object], message: str) -> None:

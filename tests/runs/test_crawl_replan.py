@@ -18,6 +18,7 @@ from tjscan.crawler.crawler import LONGEST_UNREAD_STRETCH
 from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.joint_tracking.registration import JointPlacement
+from tjscan.crawler.joint_tracking.tracking import FARTHEST_SIGMAS
 from tjscan.crawler.journal import CrawlCycle, PlannedPass, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
@@ -389,8 +390,9 @@ def test_the_joint_is_read_through_ten_planned_passes(job_file: Path, seed: int)
     assert np.sqrt(np.mean(errors[~cut_off] ** 2)) < 0.04e-3
     assert len(read) > 0.92 * 21 * len(back)
     assert 0.5 < np.mean((errors / sigmas)[~cut_off] ** 2) < 2
-    # Where a bead ends, or hides most of one side, none is surely wrong.
-    far = (np.abs(errors) > 0.2e-3) & (np.abs(errors) > 3 * lone)
+    # Where a bead ends, or hides most of one side, none is surely wrong: of 2,000 readings some are
+    # three standard deviations off by chance, and one that is four off the tracker itself refuses.
+    far = (np.abs(errors) > 0.2e-3) & (np.abs(errors) > FARTHEST_SIGMAS * lone)
     assert not far[~cut_off].any()
 
 

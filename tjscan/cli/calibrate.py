@@ -83,6 +83,7 @@ def calibrate(
         keys |= {"solve.calibrate_arm": True} if mode.arm else {}
         parsed = _parse_recorded_job(file, recorded or RecordedOptions(), keys)
     else:
+        _refuse_recorded_options(file, recorded or RecordedOptions())
         with add_file_to_errors(file):
             parsed = files.read_calibration_job(file, keys).job_at_station(station)
         if mode.dry_run and (mode.arm or out is not None):
@@ -111,10 +112,14 @@ def _parse_recorded_job(file: Path, options: RecordedOptions, keys: dict[str, An
 
     if files.is_recording(file):
         return files.recorded_job_of_files(file, options.stated, keys)
+    _refuse_recorded_options(file, options)
+    return files.read_recorded_job(file, keys)
+
+
+def _refuse_recorded_options(job: Path, options: RecordedOptions) -> None:
     if options.stated:
         raise ConfigurationError(
-            "states its recordings itself, by keys of [[recorded]]: leave out --"
+            "is a job, which states its target and files by keys of its own: leave out --"
             + ", --".join(options.stated).replace("_", "-"),
-            file=file,
+            file=job,
         )
-    return files.read_recorded_job(file, keys)

@@ -51,14 +51,11 @@ LEAST_LAYER_SHARE: Final = 0.02
 LEAST_CARRIED_SHARE: Final = 0.02
 """Share of the wanted area from which what a limit of the WPS leaves counts."""
 
-PLANNING_STRIDE: Final = 5
-"""Aims are sought at every such station."""
+PLANNING_STEP: Final = 10e-3
+"""Aims are sought at stations so far apart, and bead centres compared there, metres."""
 
 SMOOTHING_LENGTH: Final = 10e-3
 """Standard deviation of the smoothing of aim and area along the groove, metres."""
-
-UNSEEN_AREA_SIGMA: Final = 0.06
-"""Standard deviation of a bead's area that no look has shown, as a share: gain and slip."""
 
 SENSITIVITY_STEP: Final = 0.5e-3
 """By which a bead is moved to see how far its centre follows, metres."""
@@ -213,9 +210,6 @@ class WeldPlanner:
         Beads that were laid where the next one is planned.
     power_ratio : float
         Of the arc's power to that of the WPS at its wire feed, as the last arc showed it.
-    fill_sigma : ndarray, shape (n,)
-        Standard deviation of the surface's mean height as it is believed, metres: a stretch
-        where it is large was not read, and is not to be welded.
     deviation : ScalarFilter or None
         Of the wire from the last bead's aim, to the leg, as the last look shows it, metres.
     """
@@ -227,7 +221,6 @@ class WeldPlanner:
     shrinkage: ShrinkageModel = field(default_factory=ShrinkageModel)
     learner: WeldLearner = field(default_factory=WeldLearner)
     total: Array = field(init=False)
-    fill_sigma: Array = field(init=False)
     done: int = 0
     power_ratio: float = 1.0
     deviation: ScalarFilter | None = None
@@ -239,7 +232,6 @@ class WeldPlanner:
     def __post_init__(self) -> None:
         self._seen = self.belief
         self._closing_variance = np.zeros_like(self.belief.s)
-        self.fill_sigma = np.zeros_like(self.belief.s)
         self.total = self.missing_area(self.belief) + self.belief.metal_area
 
     def begin_at(self, rows: Mask, bare: WeldState) -> None:
@@ -273,7 +265,7 @@ class WeldPlanner:
             state, layer_area, share, left, key=(layer, int(part.rows[0]))
         )
         s = state.s
-        coarse = s[::PLANNING_STRIDE]
+        coarse = s[_planning_rows(s)]
         step = float(np.median(np.diff(s)))
         smooth = [
             gaussian_filter1d(np.interp(s, coarse, row), SMOOTHING_LENGTH / step, mode="nearest")
@@ -365,7 +357,7 @@ class WeldPlanner:
         self, state: WeldState, layer_area: Array, share: float, left: int, key: tuple[int, int]
     ) -> tuple[Array, Array]:
         """Aims and parts of the layer's area for its remaining beads, each (left, k)."""
-        rows = slice(None, None, PLANNING_STRIDE)
+        rows = _planning_rows(state.s)
         state, area = planning_columns(state.part(rows)), layer_area[rows]
         target, last = WeldTarget.over(state, self.order.cap_height), share >= 1
         top = layer_top(state, target, share, area)
@@ -445,8 +437,6 @@ class WeldPlanner:
         self.belief = before.replaced(rows, replace(after, s=before.s[rows]))
         step = self.belief.closed - before.closed
         self._closing_variance = self._closing_variance + (self.learner.shrinkage.sigma * step) ** 2
-        self.fill_sigma = self.fill_sigma.copy()
-        self.fill_sigma[rows] = np.hypot(self.fill_sigma[rows], UNSEEN_AREA_SIGMA * area / width)
         self._laid = before, bead, part
         self.done += 1
 
@@ -491,7 +481,6 @@ class WeldPlanner:
             first = read & (self._laid[0].first_area == 0) & (seen.first_area > 0)
             seen = replace(seen, first_area=np.where(first, seen.metal_area, seen.first_area))
         self.belief, self._seen = seen, self._seen.replaced(read, seen.part(read))
-        self.fill_sigma = np.where(read, row_sigma, self.fill_sigma)
         metal = seen.metal_area
         if metal.any():
             width = float(np.median(np.diff(seen.toe_points[:, :, 0], axis=1)))
@@ -514,7 +503,7 @@ class WeldPlanner:
         read: Mask,
     ) -> None:
         """Learn the torch's offset from where the last bead's centre lies."""
-        of_bead = np.flatnonzero(read[part.rows])[::PLANNING_STRIDE]
+        of_bead = np.flatnonzero(read[part.rows])[_planning_rows(bead.s)]
         rows = part.rows[of_bead]
         old, new = before.part(rows), self.belief.part(rows)
         aim = bead.aim[of_bead, 0]
@@ -544,6 +533,11 @@ class WeldPlanner:
         beads = [laid(centre=at, tilt=tilt).w - old.w for at, tilt in tried]
         found, moved, upright = (_bead_centres(old, one, aim, width) for one in beads)
         return (moved - found) / SENSITIVITY_STEP, np.stack((upright - aim, found - upright))
+
+
+def _planning_rows(s: Array) -> slice:
+    """Those of evenly spaced stations that lie `PLANNING_STEP` apart, as nearly as can be."""
+    return slice(None, None, max(1, round(PLANNING_STEP / float(np.median(np.diff(s))))))
 
 
 def _bead_centres(old: WeldState, added: Array, aim: Array, width: Array) -> Array:

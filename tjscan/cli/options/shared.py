@@ -169,8 +169,9 @@ class CalibrationMode:
     Parameters
     ----------
     arm
-        Calibrate the arm's kinematics with the sensor, on the ball that the job states. A scan that
-        takes the file corrects the arm's poses with them.
+        Calibrate the arm's kinematics with the sensor, on the ball that the job states, or on
+        recorded profiles or points with joint angles. A scan that takes the file corrects the
+        arm's poses with them.
     dry_run
         Check the job and plan its lines on the board that it states; connect, but move nothing.
     unattended
