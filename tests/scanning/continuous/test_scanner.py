@@ -160,10 +160,10 @@ def test_where_the_groove_cannot_be_read_the_scan_steps_over_and_says_so() -> No
     blank, begun = np.full(640, np.nan), list[float]()
 
     def blind(n: int, profile: Profile | None) -> Profile | None:
-        if profile is None or (not begun and n < 420):
+        if profile is None or (not begun and n < 400):
             return profile
         begun.append(profile.time)
-        return profile if profile.time > begun[0] + 4.0 else replace(profile, x_s=blank, z_s=blank)
+        return profile if profile.time > begun[0] + 7.0 else replace(profile, x_s=blank, z_s=blank)
 
     notes = Notes()
     result = scan_continuously({}, notes=notes, through=HeardThrough(blind))
