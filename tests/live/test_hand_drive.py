@@ -15,7 +15,7 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.live.page import HELD_BUTTON_RATE, Button, Page, PageAddress
+from tjscan.live.page import HELD_BUTTON_RATE, Button, Page, PageAddress, press_in_time
 from tjscan.live.step import SceneSetup
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.runs.live.crawl import BUTTON_HOLD_LIFETIME, LEAST_DRIVE_ORDER_INTERVAL, PageHandDrive
@@ -65,6 +65,25 @@ def test_it_drives_while_it_hears_that_a_button_is_held(hand: PageHandDrive, clo
 def test_two_that_contradict_each_other_stop_it(hand: PageHandDrive) -> None:
     for word in hand.button_words[:2]:
         hand.note_held(word)
+    assert hand.order() == AT_REST
+
+
+def test_holds_that_were_held_up_and_come_at_once_drive_no_longer(
+    hand: PageHandDrive, clock: Clock
+) -> None:
+    press = press_in_time(partial(hand.note_held, FORWARD), clock)
+    for _ in range(20):  # as they are sent
+        press()
+        assert hand.order() == Twist(SPEED, 0)
+        clock.wait(1 / HELD_BUTTON_RATE)
+    clock.wait(BUTTON_HOLD_LIFETIME)
+    moved: list[int] = []
+    for burst in (press, press_in_time(partial(moved.append, 1), clock)):
+        for _ in range(40):
+            burst()
+            clock.wait(5e-3)
+    assert len(moved) == 1
+    clock.wait(BUTTON_HOLD_LIFETIME)
     assert hand.order() == AT_REST
 
 

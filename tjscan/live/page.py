@@ -6,7 +6,7 @@ import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from threading import Lock, RLock
-from time import sleep
+from time import monotonic, sleep
 from typing import Any, Final, Literal, Self
 
 import numpy as np
@@ -87,6 +87,22 @@ def stop_button(interrupt: Act, what: str) -> Sequence[Button]:
         Is stopped.
     """
     return [Button("STOP", interrupt, "red", f"As Ctrl-C: stop {what} at once", big=True)]
+
+
+def press_in_time(press: Act, clock: Callable[[], float] = monotonic) -> Act:
+    """Press what a held button says, but not for each of many that come at once.
+
+    They were held up on their way: by now the button may be released.
+    """
+    last = float("-inf")
+
+    def act() -> None:
+        nonlocal last
+        since, last = clock() - last, clock()
+        if since > 0.5 / HELD_BUTTON_RATE:
+            press()
+
+    return act
 
 
 BUTTONS_ORDER: Final = -300.0
@@ -214,8 +230,10 @@ class Page:
         gui, order = self.server.gui, BUTTONS_ORDER + len(self._buttons)
         handle = gui.add_button(button.word, color=button.tone, hint=button.hint, order=order)
 
+        press = press_in_time(button.press) if button.held else button.press
+
         def act(_: object) -> None:
-            button.press()
+            press()
 
         if button.held:
             handle.on_hold(act, callback_hz=HELD_BUTTON_RATE)

@@ -292,6 +292,31 @@ def test_a_scan_that_goes_on_by_single_steps_leaves_nothing_out() -> None:
     assert steps.max() < 4.5e-3
 
 
+def test_poses_that_a_hand_turned_by_5_degrees_leave_no_corner_wrong_that_is_stated_as_sure() -> (
+    None
+):
+    """The sensor's middle goes 34° off the groove from one to the other."""
+    result = scan_continuously(
+        {
+            "scan.length_mm": 12.0,
+            "scan.first": {
+                "position_mm": [-58.4, 947.3, 360.5],
+                "euler_zyx_deg": [15.23, -66.16, 150.67],
+            },
+            "scan.second": {
+                "position_mm": [-43.3, 701.3, 364.2],
+                "euler_zyx_deg": [-9.61, -61.15, -157.43],
+            },
+        }
+    )
+    given = replace(result, sections=finished_sections(result.sections))
+    steps = np.linalg.norm(np.diff([s.T_b_g[:3, 3] for s in given.sections], axis=0), axis=1)
+    assert steps.max() < 8e-3
+    variances = [s.groove.corner_covariances_s for s in given.sections]
+    sigmas = 1e3 * np.sqrt(np.trace(variances, axis1=2, axis2=3))
+    assert (1e3 * example_corner_errors(given) < 0.3 + 5 * sigmas).all()
+
+
 def test_poses_that_lead_the_other_way_are_refused() -> None:
     with pytest.raises(ConfigurationError, match="behind it"):
         scan_continuously({"scan.direction": "clockwise"})
