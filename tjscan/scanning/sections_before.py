@@ -268,10 +268,10 @@ def name_tack_ends(sections: Sections) -> tuple[ScannedSection, ...]:
     sections : sequence of ScannedSection
         All of the scan, in order; those of a stepwise one stay as they are.
     """
-    grooves, origins = [s.groove for s in sections], np.array([s.T_b_g[:3, 3] for s in sections])
+    grooves, edge = [s.groove for s in sections], np.array([s.points_b[1] for s in sections])
     if not any(groove.on_tack for groove in grooves):
         return tuple(sections)
-    near = np.linalg.norm(origins[:, None] - origins, axis=2) <= TACK_END_LENGTH
+    near = np.linalg.norm(edge[:, None] - edge, axis=2) <= TACK_END_LENGTH
     hidden = np.array([WELD_IN_GROOVE in g.conditions or not root_is_known(g) for g in grooves])
     tack, before = np.array([groove.on_tack for groove in grooves]), -1
     while tack.sum() > before:
