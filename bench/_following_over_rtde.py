@@ -281,8 +281,10 @@ def over_rtde_rows(faults: int) -> Iterator[Row]:
             "over RTDE: corners from those of the simulated arm", 1e3 * max(apart), 0.05, "mm"
         )
         yield from rows_of_a_minute()
-        kinds = islice(cycle(ENDING + PASSING), faults)
-        found = [try_fault(loopback, one, random.uniform(0.0, LONGEST_WAIT)) for one in kinds]
+        kinds = [*ENDING, *PASSING]
+        random.shuffle(kinds)
+        faulty = islice(cycle(kinds), faults)
+        found = [try_fault(loopback, one, random.uniform(0.0, LONGEST_WAIT)) for one in faulty]
     offs, ends, recorded, whole = np.array(found).T
     name = f"{faults} faults over RTDE"
     yield Row(f"{name}: off the checked path", float((offs > ON_PATH).sum()), 0)
