@@ -319,10 +319,10 @@ def trials_of_joints(*, thin: bool) -> list[tuple[StudyPlan, int]]:
         plan["grid"]["joint"]["brace"]["angle_deg"] = [75.0]
         each = plan["together"][0]
         for table, name in (("brace", "outer_diameter_mm"), ("brace", "wall_mm")):
-            each["joint"][table][name] = each["joint"][table][name][2::8]
+            each["joint"][table][name] = each["joint"][table][name][1::8]
         for name in ("near_mm", "far_mm"):
-            each["laser"][name] = each["laser"][name][2::8]
-        each["simulation"]["laser"]["noise_mm"] = each["simulation"]["laser"]["noise_mm"][2::8]
+            each["laser"][name] = each["laser"][name][1::8]
+        each["simulation"]["laser"]["noise_mm"] = each["simulation"]["laser"]["noise_mm"][1::8]
     return trials(plan)
 
 
