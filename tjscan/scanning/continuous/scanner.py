@@ -148,15 +148,13 @@ class ContinuousScanner(Scanner):
     def _straight_to_second(self) -> FollowedPath:
         """The way from where the arm stands to the second taught pose; lengths count from here.
 
-        Where the groove is seen there is not known: how far a hand's pose is off, and about the
-        sensor, makes the way from one to the other no good direction on a short way.
+        The last section tells the groove's direction. The way from pose to pose does not: where a
+        hand's pose sees the groove is not known, and 5 degrees are 20 mm there.
         """
         state, last = self._setup.arm.state(), self._log.sections[-1]
         path = self._planner.straight(state.q, self._T_b_f_second, state.time)
-        ahead, along = (
-            self._second_point - self._planner.groove_point(state.T_b_f),
-            last.T_b_g[:3, 0],
-        )
+        ahead = self._second_point - self._planner.groove_point(state.T_b_f)
+        along = last.T_b_g[:3, 0]
         self._along_b = along if along @ ahead > 0 else -along
         self._length, self._planned_length = 0.0, 0.0
         self._second_length = float(ahead @ self._along_b)
@@ -215,6 +213,7 @@ class ContinuousScanner(Scanner):
             reached = self._length
 
     def _scan_second(self) -> None:
+        """Read the groove at the second taught pose."""
         self._scan_taught("second", self._taker.move_joint_to_pose(self._T_b_f_second))
 
     def _standing(self, length: float) -> FollowedPath:

@@ -91,10 +91,11 @@ def predict_seam(sections: Sections, plan: ScanPlan, farthest: float) -> SeamAhe
         angles.append(work_angle)
     if len(T_b_t) < 2:
         raise TubesNotFound("the seam ahead is too unsure")
-    chords = np.linalg.norm(np.diff(np.array(T_b_t)[:, :3, 3], axis=0), axis=1)
+    frames = np.array(T_b_t)
+    chords = np.linalg.norm(np.diff(frames[:, :3, 3], axis=0), axis=1)
     lengths = FIRST_DISTANCE + np.concatenate(([0.0], chords.cumsum()))
     T_s_t = np.array([plan.target_pose_in_sensor(float(angle)) for angle in angles])
-    return SeamAhead(lengths, np.array(T_b_t), np.array(T_b_t) @ np.linalg.inv(T_s_t))
+    return SeamAhead(lengths, frames, frames @ np.linalg.inv(T_s_t))
 
 
 def seam_direction(sections: Sections) -> Array:
