@@ -38,8 +38,8 @@ PANEL_KEYS = {
     "RosOut": {"searchTerms", "minLogLevel", "topicToRender", "nameFilter"},
     "Tab": {"activeTabIdx", "tabs"},
 }
-"""Keys that a panel's settings may hold here, as `foxglove.layouts` of foxglove-sdk 0.30 and the open
-viewer Lichtblick name them; any other key a viewer passes over in silence."""
+"""Keys that a panel's settings may hold here, as `foxglove.layouts` of foxglove-sdk 0.30 and the
+open viewer Lichtblick name them; any other key a viewer passes over in silence."""
 
 PATH_KEYS = {"value", "enabled", "timestampMethod", "label"}
 TOPIC_KEYS = {"visible", "pointSize", "colorMode", "flatColor"}

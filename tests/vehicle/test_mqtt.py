@@ -28,6 +28,8 @@ from tjscan.core.errors import (
     VehicleStopped,
 )
 from tjscan.core.frames import Array
+from tjscan.vehicle.simulated_body import SimulatedBody, VehicleSimulationSettings
+from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN_TIME, Twist, VehicleState
 from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
 from tjscan_loopback.process import VehicleLoopbackProcess
@@ -39,10 +41,11 @@ from _stops import Break, seconds_until_rest  # noqa: E402
 from paho.mqtt.client import Client  # noqa: E402
 from paho.mqtt.enums import CallbackAPIVersion  # noqa: E402
 
-from tjscan.vehicle.mqtt.settings import MqttSettings  # noqa: E402
+from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage  # noqa: E402
+from tjscan.vehicle.mqtt.settings import BrokerSettings, MqttSettings  # noqa: E402
 from tjscan.vehicle.mqtt.torch import MqttTorch  # noqa: E402
 from tjscan.vehicle.mqtt.vehicle import MqttVehicle  # noqa: E402
-from tjscan.vehicle.mqtt.wire import StateMessage  # noqa: E402
+from tjscan.vehicle.mqtt.wire import CommandMessage, PresenceMessage, StateMessage  # noqa: E402
 
 LONGEST = 3.0
 """Seconds: 0.6 on an idle machine, where the benchmark holds them to that."""
@@ -96,7 +99,9 @@ def sender(broker: MosquittoProcess) -> Iterator[Callable[..., object]]:
     client = Client(CallbackAPIVersion.VERSION2)
     client.connect("127.0.0.1", broker.port)
     client.loop_start()
-    yield lambda **message: client.publish("tjscan/vehicle/1/command", json.dumps(message))
+    yield lambda topic="command", **message: client.publish(
+        f"tjscan/vehicle/1/{topic}", json.dumps(message)
+    )
     client.disconnect()
     client.loop_stop()
 
@@ -352,22 +357,38 @@ def test_the_command_takes_a_job_and_says_what_is_wrong(
     assert tjscan("vehicle-loopback", "--broker", gone.address, pictures=True) == 4
 
 
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"session": "a stop button", "number": 0, "time": 1e9, "order": "stop"},
+        {"topic": "stop", "session": "a stop button", "number": 0, "time": 1e9, "order": "stop"},
+        {"topic": "stop"},
+    ],
+)
 def test_a_stop_of_another_client_is_obeyed_and_ends_the_program_by_name(
-    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess, message: dict[str, Any]
 ) -> None:
     with driver(broker) as vehicle, sender(broker) as send:
-        drive(vehicle, 0.3, Twist(0.05, 0.0))
-        send(session="a stop button", number=0, time=1e9, order="stop")
+        while drive(vehicle, 0.1, Twist(0.05, 0.0))[-1].odometry.speed < 0.02:
+            pass  # another stop may hold it yet
+        send(**message)
         with pytest.raises(UnorderedMotion, match="another client"):
             drive(vehicle, LONGEST, Twist(0.05, 0.0))
         vehicles.wait_until_at_rest()
 
 
+@pytest.mark.parametrize(
+    ("hears_others", "why"), [(True, "in this program's name"), (False, "did not order")]
+)
 def test_motion_that_was_not_ordered_is_an_alarm_and_stopped(
     broker: MosquittoProcess,
     vehicles: VehicleLoopbackProcess,
     monkeypatch: pytest.MonkeyPatch,
+    hears_others: bool,
+    why: str,
 ) -> None:
+    if not hears_others:
+        monkeypatch.setattr(MqttVehicle, "_receive_order", lambda self, received: None)
     with driver(broker) as vehicle, sender(broker) as send:
         drive(vehicle, DEAD_MAN_TIME)
         # Its own repeats would stop the vehicle again before it moves at all.
@@ -380,11 +401,53 @@ def test_motion_that_was_not_ordered_is_an_alarm_and_stopped(
                 send(**drives, number=number, time=time.monotonic() + 0.2)
                 vehicle.next_state()
 
-        with pytest.raises(UnorderedMotion, match="did not order"):
+        with pytest.raises(UnorderedMotion, match=why):
             be_driven()
-        vehicles.wait_until_at_rest()
+        if not hears_others:  # else it was stopped before it moved
+            vehicles.wait_until_at_rest()
         with pytest.raises(UnorderedMotion):
             vehicle.command(Twist(0.05, 0.0))
+
+
+def test_no_command_waits_before_a_stop(broker: MosquittoProcess) -> None:
+    from tjscan_loopback.vehicle.bodies import CrawlerBody
+    from tjscan_loopback.vehicle.serve import _linked
+    from tjscan_loopback.vehicle.vehicle import LoopbackVehicle
+
+    body = CrawlerBody(SimulatedBody(TrackGeometry(), VehicleSimulationSettings()))
+    listening = LoopbackVehicle(1, body, "itself", print)
+    settings = BrokerSettings(port=broker.port, prefix="tjscan/vehicle/flooded")
+    flooded, read = threading.Event(), threading.Event()
+
+    def hold_up(received: ReceivedMessage) -> None:
+        flooded.set()
+        read.wait()
+
+    with _linked(listening, settings, "stand-in") as ((other, stops), (commands, _)):
+        commands.receive = hold_up
+        commands.publish("command", b"of a flood")
+        assert flooded.wait(SILENCE)
+        try:
+            other.publish("stop", b"")
+            assert stops.get(timeout=SILENCE).topic == "stop"
+        finally:
+            read.set()
+
+
+def test_a_stop_is_sent_where_no_command_waits(
+    broker: MosquittoProcess, vehicles: VehicleLoopbackProcess
+) -> None:
+    heard: SimpleQueue[bytes] = SimpleQueue()
+    settings = BrokerSettings(port=broker.port, prefix="tjscan/vehicle/1")
+    presence = PresenceMessage.at_start("listener")
+    link = BrokerLink(settings, "listener", presence, ("stop",), lambda one: heard.put(one.payload))
+    link.connect(SILENCE)
+    with driver(broker) as vehicle:
+        drive(vehicle, 0.3, Twist(0.05, 0.0))
+        vehicle.stop()
+        order = CommandMessage.from_json(heard.get(timeout=SILENCE))
+        assert (order.session, order.order) == (vehicle._session, "stop")
+    link.close()
 
 
 def test_who_waits_for_a_vehicle_takes_it_over_from_who_stops_and_goes(

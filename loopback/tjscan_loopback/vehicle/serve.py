@@ -22,6 +22,7 @@ from tjscan.vehicle.mqtt.wire import (
     COMMAND_TOPIC,
     COMMANDER_TOPIC,
     PRESENCE_TOPIC,
+    STOP_TOPIC,
     TORCH_COMMANDER_TOPIC,
     TORCH_TOPIC,
     PresenceMessage,
@@ -43,6 +44,11 @@ CONNECT_LIMIT: Final = 5.0
 
 LONGEST_PERIOD: Final = 0.1
 """Seconds of motion in one step; if the process slept longer, the rest of its sleep is lost."""
+
+STOP_LINK_TOPIC: Final = "stop-link"
+"""Topic on which the connection of its own that hears stops announces itself."""
+
+COMMAND_LINK_TOPICS: Final = (COMMAND_TOPIC, COMMANDER_TOPIC, TORCH_TOPIC, TORCH_COMMANDER_TOPIC)
 
 VEHICLE_SPACING: Final = 1.5
 """Metres from one vehicle to the next, along y of frame w."""
@@ -90,8 +96,9 @@ def run_loopback_vehicles(
         for number, body in enumerate(bodies, 1):
             vehicle = LoopbackVehicle(number, body, uuid4().hex, print_line)
             model = "loopback crawler" if towing is None else "loopback towing vehicle"
-            link = stack.enter_context(_linked(vehicle, host, port, f"{prefix}/{number}", model))
-            served.append((vehicle, *link))
+            own = BrokerSettings(host=host, port=port, prefix=f"{prefix}/{number}")
+            links = stack.enter_context(_linked(vehicle, own, model))
+            served.append((vehicle, links))
         world = None
         if towing is not None:
             tracker = towing.link(host, port, prefix)
@@ -105,28 +112,29 @@ def run_loopback_vehicles(
 
 
 Inbox = SimpleQueue[ReceivedMessage]
-Served = tuple[LoopbackVehicle, BrokerLink, Inbox]
+Links = list[tuple[BrokerLink, Inbox]]
+Served = tuple[LoopbackVehicle, Links]
 
 
 @contextmanager
-def _linked(
-    vehicle: LoopbackVehicle, host: str, port: int, prefix: str, model: str
-) -> Iterator[tuple[BrokerLink, Inbox]]:
-    """Connect a vehicle; its messages wait in the inbox until it looks there."""
-    inbox: Inbox = SimpleQueue()
-    link = BrokerLink(
-        BrokerSettings(host=host, port=port, prefix=prefix),
-        presence_topic=PRESENCE_TOPIC,
-        presence=PresenceMessage.at_start(vehicle.session, model, str(vehicle.number)),
-        topics=(COMMAND_TOPIC, COMMANDER_TOPIC, TORCH_TOPIC, TORCH_COMMANDER_TOPIC),
-        receive=inbox.put,
-        changed=lambda up: None,
-    )
-    link.connect(CONNECT_LIMIT)
-    try:
-        yield link, inbox
-    finally:
-        link.close()
+def _linked(vehicle: LoopbackVehicle, settings: BrokerSettings, model: str) -> Iterator[Links]:
+    """Connect a vehicle, twice: what floods its commands is in no stop's way.
+
+    The messages of each link wait in its inbox until the vehicle looks there, stops first.
+    """
+    links: Links = []
+    with ExitStack() as stack:
+        for session, presence_topic, topics in (
+            (f"{vehicle.session}-stop", STOP_LINK_TOPIC, (STOP_TOPIC,)),
+            (vehicle.session, PRESENCE_TOPIC, COMMAND_LINK_TOPICS),
+        ):
+            inbox: Inbox = SimpleQueue()
+            presence = PresenceMessage.at_start(session, model, str(vehicle.number))
+            link = BrokerLink(settings, presence_topic, presence, topics, inbox.put)
+            link.connect(CONNECT_LIMIT)
+            stack.callback(link.close)
+            links.append((link, inbox))
+        yield links
 
 
 def _run(
@@ -150,12 +158,13 @@ def _run(
                 return
         now = time.monotonic()
         period, before = min(now - before, LONGEST_PERIOD), now
-        for vehicle, link, inbox in served:
-            while not inbox.empty():
-                vehicle.receive(inbox.get())
-            vehicle.link_is_up = link.is_up
+        for vehicle, links in served:
+            for _, inbox in links:
+                for _ in range(inbox.qsize()):  # what comes meanwhile may come without end
+                    vehicle.receive(inbox.get())
+            vehicle.link_is_up = all(link.is_up for link, _ in links)
             for topic, payload in vehicle.advance(now, period):
-                link.publish(topic, payload)
+                links[-1][0].publish(topic, payload)
         if world is not None:
             towing, tracker = world
             towing.advance(period)
@@ -181,19 +190,29 @@ def _obey(line: str, served: list[Served], towing: TowingBodies | None) -> None:
         towing.hold_passers_by(True)
     if towing is not None and order.fault is VehicleFaultOrder.CLEAR:
         towing.hold_passers_by(False)
-    for vehicle, link, _ in served:
+    for vehicle, links in served:
         if order.vehicle in (0, vehicle.number):
             cut = VehicleFaultOrder.DROP_LINK in vehicle.faults
             if order.fault is VehicleFaultOrder.DROP_LINK and not cut:
-                link.drop()
+                _drop(links)
             elif order.fault is VehicleFaultOrder.CLEAR and cut:
                 try:
-                    link.connect(CONNECT_LIMIT)
+                    _connect_again(links)
                 except VehicleLinkLost as error:
                     print_line(f"refused {error}")
                     return
             vehicle.order_fault(order.fault)
     print_line(f"ordered {line.strip()}")
+
+
+def _drop(links: Links) -> None:
+    for link, _ in links:
+        link.drop()
+
+
+def _connect_again(links: Links) -> None:
+    for link, _ in links:
+        link.connect(CONNECT_LIMIT)
 
 
 def _listen(orders: SimpleQueue[str | None]) -> None:

@@ -14,6 +14,7 @@ from tjscan.vehicle.mqtt.wire import (
     POSE_TOPIC,
     REPORTED_DROP_COUNTS,
     STATE_TOPIC,
+    STOP_TOPIC,
     BadMessage,
     CommandMessage,
     MessageGate,
@@ -59,9 +60,9 @@ class LoopbackVehicle:
         self.dropped = 0
         """Commands that were dropped."""
         self._report_line = report_line
-        self._gate = MessageGate()
+        self._gate, self._stop_gate = MessageGate(), MessageGate()
         self._twist: Twist | None = None
-        self._until = self._heard = self._held_until = -inf
+        self._until = self._heard = self._held_until = self._stop_sent = -inf
         self._sent = 0
         self._moving = False
         self._last_state = VehicleState(body.time, Twist(0.0, 0.0))
@@ -85,6 +86,8 @@ class LoopbackVehicle:
         try:
             if received.topic == COMMANDER_TOPIC:
                 self._receive_presence(PresenceMessage.from_json(received.payload), received.time)
+            elif received.topic == STOP_TOPIC:
+                self._receive_stop(received)
             elif received.topic == COMMAND_TOPIC:
                 if received.retained:
                     raise BadMessage("the broker kept it from before")
@@ -138,13 +141,28 @@ class LoopbackVehicle:
     def _receive_presence(self, message: PresenceMessage, now: float) -> None:
         if message.session == self._gate.session:
             if not message.alive:
-                self._gate.restart_session()
-                self._twist = None
+                self._restart_session("")
         elif message.alive:
             if self._gate.session and now - self._heard < DEAD_MAN_TIME:
                 raise BadMessage("another program commands this vehicle")
-            self._gate.restart_session(message.session)
-            self._twist = None
+            self._restart_session(message.session)
+
+    def _restart_session(self, session: str) -> None:
+        self._gate.restart_session(session)
+        self._stop_gate.restart_session(session)
+        self._twist, self._stop_sent = None, -inf
+
+    def _receive_stop(self, received: ReceivedMessage) -> None:
+        """Stop, whoever sends it and whatever it holds; commands sent before it are overtaken."""
+        self._twist = None
+        try:
+            message = CommandMessage.from_json(received.payload)
+            if reason := self._stop_gate.reason_to_drop(message, received.time):
+                raise BadMessage(reason)
+        except BadMessage:
+            self._held_until = received.time + DEAD_MAN_TIME
+            raise
+        self._stop_sent = message.time
 
     def _receive_command(self, message: CommandMessage, now: float) -> None:
         if message.order == "stop":  # whoever sends it, and whatever its number
@@ -159,6 +177,8 @@ class LoopbackVehicle:
         self._heard = now
         if now < self._held_until:
             raise BadMessage("another client of the broker ordered a stop")
+        if message.time <= self._stop_sent:
+            raise BadMessage("it was sent before a stop")
         on_tracks = message.sideways and not self.body.drives_sideways
         if message.order == "stop" or on_tracks:
             self._twist = None

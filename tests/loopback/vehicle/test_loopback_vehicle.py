@@ -1,5 +1,7 @@
 """What a vehicle behind a broker obeys, without a broker: laws for every order of messages."""
 
+import json
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -44,8 +46,17 @@ class Program:
         )
         self._send("command", message.to_json(), now, retained=retained)
 
+    def stop(self, number: int, sent: float, now: float) -> None:
+        message = CommandMessage(session=self.session, number=number, time=sent, order="stop")
+        self._send("stop", message.to_json(), now)
+
     def _send(self, topic: str, payload: bytes, now: float, *, retained: bool = False) -> None:
         self.vehicle.receive(ReceivedMessage(topic, payload, retained, now))
+
+
+def command(order: str = "drive", number: int = 7, time: float = 3.0) -> bytes:
+    fields = {"session": "first", "number": number, "time": time, "order": order}
+    return json.dumps({**fields, "speed": 0.05, "hold": 0.5}).encode()
 
 
 def vehicle() -> LoopbackVehicle:
@@ -133,6 +144,35 @@ def test_what_the_broker_kept_and_who_is_not_announced_never_steer() -> None:
     advance(driven, 0.0, 0.2)
     assert driven.body.at_rest
     assert driven.dropped == 2
+
+
+def test_a_stop_overtakes_what_was_sent_before_it() -> None:
+    driven = vehicle()
+    program = Program(driven)
+    program.announce(0.0)
+    program.drive(1, 0.0)
+    advance(driven, 0.0, 0.1)
+    program.stop(3, sent=0.1, now=0.1)
+    program._send("command", command(number=2, time=0.09), 0.12)  # it waited in a flood
+    advance(driven, 0.12, driven.body.braking_time + VEHICLE_STATE_PERIOD)
+    assert driven.body.at_rest
+    program.drive(4, 0.2)
+    assert advance(driven, 0.2, 0.1).speed > 0.0
+
+
+@given(st.one_of(st.binary(), st.just(command("stop")), st.just(command("drive"))))
+def test_whatever_comes_on_the_topic_of_stops_holds_the_vehicle(payload: bytes) -> None:
+    driven = vehicle()
+    program = Program(driven)
+    program.announce(0.0)
+    program.drive(1, 0.0)
+    program.stop(2, sent=0.01, now=0.01)
+    driven.receive(ReceivedMessage("stop", payload, False, 0.02))
+    program.drive(3, 0.05)
+    advance(driven, 0.05, 0.2)
+    assert driven.body.at_rest
+    program.drive(4, 0.02 + DEAD_MAN_TIME)
+    assert advance(driven, 0.02 + DEAD_MAN_TIME, 0.1).speed > 0.0
 
 
 def test_orders_of_faults_are_read() -> None:

@@ -28,6 +28,9 @@ ANNOUNCEMENT_PERIOD: Final = 0.25
 STOP_REPEATED_FOR: Final = 1.0
 """Seconds for which a stop is sent though another program commands the vehicle by now."""
 
+ORDER_TOPICS: Final = (wire.STOP_TOPIC, wire.COMMAND_TOPIC)
+"""A stop is sent on both, a drive on the last one."""
+
 MOST_WAITING_STATES: Final = 300
 """States that wait to be read, 3 s of them; older ones are dropped then. Without one its way is not
 known: it is more than any program may be held up for that goes on."""
@@ -52,7 +55,7 @@ class MqttVehicle(BrokerClient):
         super().__init__(
             settings,
             wire.COMMANDER_TOPIC,
-            (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC, wire.COMMAND_TOPIC),
+            (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC, *ORDER_TOPICS),
         )
 
     def _reset_before_connecting(self) -> None:
@@ -60,6 +63,7 @@ class MqttVehicle(BrokerClient):
         self._states = SimpleQueue()
         self._wake: SimpleQueue[bool] = SimpleQueue()
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
+        self._order_gate = wire.MessageGate()
         self._order: tuple[Twist, float] | None = None
         self._ordered, self._echoed, self._has_commanded = OrderedMotion(), 0, False
         self._alarm_told = False
@@ -70,6 +74,7 @@ class MqttVehicle(BrokerClient):
         self._fault = self._commander = self._lost = self._alarm = ""
         self._heard, self._stopped, self._stopped_at = time.monotonic(), False, -inf
         super()._reset_before_connecting()
+        self._order_gate.session = self._session
 
     def _leave_at_rest(self) -> None:
         """Stop the vehicle."""
@@ -176,14 +181,9 @@ class MqttVehicle(BrokerClient):
         if not self._has_commanded:
             return  # another program's vehicle would obey a stop
         self._ordered.order(twist, now)
-        self._publish(
-            wire.COMMAND_TOPIC,
-            wire.CommandMessage,
-            now,
-            order="drive" if hold else "stop",
-            **asdict(twist),
-            hold=hold,
-        )
+        word, topics = ("drive", ORDER_TOPICS[1:]) if hold else ("stop", ORDER_TOPICS)
+        for topic in topics:
+            self._publish(topic, wire.CommandMessage, now, order=word, **asdict(twist), hold=hold)
 
     # What the link's thread does
 
@@ -194,8 +194,8 @@ class MqttVehicle(BrokerClient):
             raise wire.BadMessage("the broker kept it from before")
         elif received.topic == wire.STATE_TOPIC:
             self._receive_state(wire.StateMessage.from_json(received.payload), received.time)
-        elif received.topic == wire.COMMAND_TOPIC:
-            self._receive_command(wire.CommandMessage.from_json(received.payload))
+        elif received.topic in ORDER_TOPICS:
+            self._receive_order(received)
         elif received.topic == wire.POSE_TOPIC:
             message = wire.PoseMessage.from_json(received.payload)
             self._pose_gate.measuring_time(message, received.time)
@@ -231,14 +231,24 @@ class MqttVehicle(BrokerClient):
                 self._note_dropped("a state that was not read in time")
         self._states.put((message.state, self._newest_pose))
 
-    def _receive_command(self, message: wire.CommandMessage) -> None:
+    def _receive_order(self, received: ReceivedMessage) -> None:
         """See who else commands the vehicle: a broker sends back what this program sent, once."""
-        if message.session == self._session and self._echoed < message.number <= self._number:
-            self._echoed = message.number
-            return
-        if message.order == "stop" and self._has_commanded:  # before, it is who goes
-            self._raise_alarm("another client of the broker ordered the vehicle to stop")
-        raise wire.BadMessage("another client of the broker commands the vehicle")
+        stops, obeyed, problem = received.topic == wire.STOP_TOPIC, False, ""
+        try:
+            message = wire.CommandMessage.from_json(received.payload)
+        except wire.BadMessage as error:
+            problem = str(error)
+        else:
+            if not stops:  # as the vehicle judges it
+                obeyed = not self._order_gate.reason_to_drop(message, received.time)
+            if message.session == self._session and self._echoed < message.number <= self._number:
+                self._echoed = message.number
+                return
+            stops |= message.order == "stop"
+        if (stops or obeyed) and self._has_commanded:  # before, it is who goes
+            what = "ordered the vehicle to stop" if stops else "drives it in this program's name"
+            self._raise_alarm(f"another client of the broker {what}")
+        raise wire.BadMessage(problem or "another client of the broker commands the vehicle")
 
     def _raise_alarm(self, why: str) -> None:
         """Stop, and end what this program does with the vehicle."""

@@ -17,6 +17,9 @@ from tjscan.core.version import PROGRAM_VERSION
 from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist, VehicleState
 
 COMMAND_TOPIC: Final = "command"
+STOP_TOPIC: Final = "stop"
+"""Beside ``command``, and heard over a connection of its own: nothing waits before a stop there."""
+
 COMMANDER_TOPIC: Final = "commander"
 STATE_TOPIC: Final = "state"
 PRESENCE_TOPIC: Final = "vehicle"
