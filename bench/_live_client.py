@@ -78,9 +78,10 @@ class PageClient:
         order = {"type": "GuiButtonHoldMessage", "frequency": HELD_BUTTON_RATE}
         self.socket.send(msgspec.msgpack.encode({**order, "uuid": next(found)["uuid"]}))
 
-    def look(self) -> None:
-        """Say where it is seen from: before, a browser counts as none."""
-        self.socket.send(msgspec.msgpack.encode({"type": "ViewerCameraMessage", **CAMERA}))
+    def look(self, **camera: float) -> None:
+        """Say where it is seen from, and how: before, a browser counts as none."""
+        own = {"type": "ViewerCameraMessage", **CAMERA, **camera}
+        self.socket.send(msgspec.msgpack.encode(own))
 
     def names(self) -> set[str]:
         """Names of the picture's nodes that were sent."""

@@ -1,16 +1,20 @@
 """Boxes of every page and report: text that overlaps or is cut off, buttons out of reach.
 
 Makes a small run of every task, and looks in Chromium at its report, its plan and its page, in
-windows of 1500, 1000 and 390 pixels and as printed on A4, and at the texts of every picture. Each
-fault is named on stderr. ``--quick`` leaves out what takes longest: crawl, tow and weld.
+windows of 1500, 1000 and 390 pixels and as printed on A4, and at the texts of every picture; of
+scan, crawl and tow also at the page of the run itself: before it moves, amid it and after its end.
+Each fault is named on stderr. ``--quick`` leaves out what takes longest: crawl, tow and weld.
 """
 
 from __future__ import annotations
 
 import os
+import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
@@ -18,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 from _boxes import faults_of_buttons, faults_of_page, watched_figures
 from _browser import open_file, started_browser, why_no_browser
 from _crawls import SHORT_CRAWL
-from _live_browser import COMMAND, opened_page, served_page
+from _live_browser import COMMAND, OpenedPage, ServedPage, opened_page, served_page
 from _table import Row, main
 
 from tjscan.report.plan_page import PLAN_FILE, write_plan_page
@@ -57,6 +61,13 @@ LONG_RUNS: Final[dict[str, Words]] = {
 }
 """The same of what takes longer."""
 
+LIVE_RUNS: Final[dict[str, tuple[Words, str]]] = {
+    "scan": (("scan", EXAMPLES / "paper.toml", "--wait"), "scanning"),
+    "crawl": (("crawl", "run", Path("longer-crawl.toml"), "--wait"), "weld|return"),
+    "tow": (LONG_RUNS["tow"], "welding|waits"),
+}
+"""Commands that show a run while it goes on, and what its state is then, a regular expression."""
+
 PAGES_OF_A_RUN: Final = ("scan", "calibrate", *LONG_RUNS)
 """Runs that are shown again on the live page."""
 
@@ -73,6 +84,8 @@ def measure(runs: dict[str, Words]) -> Iterator[Row]:
     with TemporaryDirectory() as name, started_browser() as browser:
         folder = Path(name)
         (folder / "crawl.toml").write_text(SHORT_CRAWL, encoding="utf-8")
+        longer = SHORT_CRAWL.replace("length_m = 0.03", "length_m = 0.2")
+        (folder / "longer-crawl.toml").write_text(longer, encoding="utf-8")
         for run, words in runs.items():
             call(folder, *words, "--out", run)
         call(folder, "plan", "scan", "--wps", EXAMPLES / "wps.toml", "--gravity", "0", "0", "-1")
@@ -80,10 +93,11 @@ def measure(runs: dict[str, Words]) -> Iterator[Row]:
             yield counted(f"faults of the report of {run}", report_faults(browser, folder / run))
         for run in runs:
             if run in PAGES_OF_A_RUN:
-                faults = page_faults(browser, "view", folder / run)
+                faults = view_faults(browser, folder / run)
                 yield counted(f"faults of the page that shows {run} again", faults)
-        words = ("scan", EXAMPLES / "paper.toml", "--live", "--wait", "--out", folder / "live")
-        yield counted("faults of the page of a scan", page_faults(browser, *words))
+        for run in LIVE_RUNS:
+            if run in runs:
+                yield counted(f"faults of the page of a {run}", live_faults(browser, folder, run))
 
 
 def call(folder: Path, *words: object) -> None:
@@ -122,23 +136,58 @@ def report_faults(browser: Browser, run: Path) -> Iterator[str]:
             watched.page.close()
 
 
-def page_faults(browser: Browser, *words: object) -> Iterator[str]:
-    """Faults of the page that a command serves, in all widths, before and after Start."""
-    with served_page(*words) as served, opened_page(browser, served.url, PHONE) as shown:
-        waits = shown.page.get_by_role("button", name="Start", exact=True).count()
-        yield from (f"390: {one}" for one in faults_of_buttons(shown.page))
-        for width in WIDTHS[::-1]:
-            shown.page.set_viewport_size({"width": width, "height": 780})
-            shown.page.wait_for_timeout(500)
-            yield from (f"{width}: {one}" for one in faults_of_page(shown.page))
-        if waits:
-            shown.press("Start")
-            if served.end() != 0:
-                yield f"the command failed: {''.join(served.lines)}"
-            shown.page.wait_for_timeout(2000)
-            yield from (f"after the end: {one}" for one in faults_of_page(shown.page))
-            yield from after_the_end(shown.page)
+def view_faults(browser: Browser, directory: Path) -> Iterator[str]:
+    """Faults of the page that shows a run again."""
+    with (
+        served_page("view", directory) as served,
+        opened_page(browser, served.url, PHONE) as shown,
+    ):
+        yield from faults_in_all_widths(shown)
         yield from (f"script: {one}" for one in shown.faults)
+
+
+def live_faults(browser: Browser, folder: Path, run: str) -> Iterator[str]:
+    """Faults of the page of a run: before it moves, amid it, and after its end."""
+    command, moving = LIVE_RUNS[run]
+    own = (folder / word if isinstance(word, Path) else word for word in command)
+    words = (*own, "--live", "--out", folder / f"live {run}")
+    with served_page(*words) as served, opened_page(browser, served.url, PHONE) as shown:
+        with held_still(served):
+            yield from (f"before: {one}" for one in faults_in_all_widths(shown))
+        if "--wait" in words:
+            shown.press("Start")
+        while served.process.poll() is None and not re.search(moving, shown.state):
+            shown.page.wait_for_timeout(100)
+        with held_still(served):
+            if not re.search(moving, shown.state):
+                yield f"was over before it was looked at: {shown.state!r}"
+            yield from (f"amid: {one}" for one in faults_in_all_widths(shown))
+        if served.end() != 0:
+            yield f"the command failed: {''.join(served.lines)}"
+        shown.page.wait_for_timeout(2000)
+        yield from (f"after the end: {one}" for one in faults_in_all_widths(shown))
+        yield from after_the_end(shown.page)
+        yield from (f"script: {one}" for one in shown.faults)
+
+
+@contextmanager
+def held_still(served: ServedPage) -> Iterator[None]:
+    """Hold a command still, so that its page stays as it is while it is measured."""
+    served.process.send_signal(signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        served.process.send_signal(signal.SIGCONT)
+
+
+def faults_in_all_widths(shown: OpenedPage) -> Iterator[str]:
+    """Faults of a page as it is now, the smallest window first; there every button is tried."""
+    for width in WIDTHS[::-1]:
+        shown.page.set_viewport_size({"width": width, "height": PHONE["height"]})
+        shown.page.wait_for_timeout(500)
+        if width == PHONE["width"]:
+            yield from (f"{width}: {one}" for one in faults_of_buttons(shown.page))
+        yield from (f"{width}: {one}" for one in faults_of_page(shown.page))
 
 
 def after_the_end(page: Page) -> Iterator[str]:

@@ -58,6 +58,11 @@ def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
     facts = steps[-1].facts
     assert facts[STATE_FACT] == "welding"
     assert facts["nearest corner"] == "200 mm"
+    assert facts["arc"] == "burns"
+    facts = {**facts, **show.step_of_entry(RunEvent(Phase.STOP, "a drive fails")).facts}
+    assert facts[STATE_FACT] == "stop"
+    assert not facts["arc"]
+    assert not facts["speed"]
     diagram = steps[-1].diagram
     assert diagram is not None
     assert diagram.now == "welding"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import atan, tan
 from threading import Lock, RLock
 from time import monotonic, sleep
 from typing import Any, Final, Literal, Self
@@ -29,7 +30,7 @@ from tjscan.live.step import (
 )
 
 FIELD_OF_VIEW: Final = 0.75
-"""Radians, of the picture's height."""
+"""Radians, of the picture's height, or of its width where that is less."""
 RUN_SPACING: Final = 1.6
 """Distance of runs side by side, as a multiple of the distance that they are seen from."""
 
@@ -211,6 +212,13 @@ class Page:
             for word, enabled in words.items():
                 self._buttons[word].disabled = not enabled
 
+    def withdraw_buttons(self, words: Sequence[str]) -> None:
+        """Take buttons away, by their words: what is left moves up."""
+        self.enable_buttons(dict.fromkeys(words, False))
+        with self._changing, self.server.atomic():
+            for word in words:
+                self._buttons[word].visible = False
+
     def show_end(self, how: str) -> None:
         """Show that the run is over, and how; no button can be pressed any more."""
         self.enable_buttons(dict.fromkeys(self._buttons, False))
@@ -277,6 +285,7 @@ class Page:
         look_at = first.look_at + _positions_side_by_side(settings).mean(axis=0)
         server.initial_camera.fov, server.initial_camera.look_at = FIELD_OF_VIEW, look_at
         server.initial_camera.position = look_at + away * (1 + 0.8 * (len(settings) - 1))
+        server.on_client_connect(_see_whole_width)
 
     def _add_views(self, settings: Sequence[SceneSetup]) -> list[RunView]:
         shifts = _positions_side_by_side(settings)
@@ -289,6 +298,16 @@ class Page:
             above = setting.look_at + np.array((0.0, 0.0, 0.6))
             self.server.scene.add_label(f"/run_{k}/title", setting.title, position=above)
         return views
+
+
+def _see_whole_width(client: viser.ClientHandle) -> None:
+    """Let a window that is higher than wide, a phone's, see as far to the sides as any."""
+
+    def widen(camera: viser.CameraHandle) -> None:
+        camera.fov = 2 * atan(tan(0.5 * FIELD_OF_VIEW) / min(camera.aspect, 1.0))
+
+    client.camera.on_update(widen)  # windows change their shape
+    widen(client.camera)
 
 
 def _positions_side_by_side(settings: Sequence[SceneSetup]) -> Array:

@@ -51,6 +51,8 @@ SECONDS_BETWEEN_PAGE_STEPS: Final = 0.25
 
 SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 """Of the vehicle's clock, between two cycles that are handed to the page."""
+NOT_KNOWN_AT_REST: Final = {"speed": "", "arc": ""}
+"""Facts of the cycle before the vehicle came to rest, which are past; another cycle states them."""
 BUTTON_HOLD_LIFETIME: Final = 0.3
 """Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
 a second. It leaves the rest of a vehicle's `DEAD_MAN_TIME` to brake in."""
@@ -93,7 +95,9 @@ class CrawlShow:
                     return step
                 # An event that a phase begins with bears its name: no cycle follows a stop.
                 diagram = phase_transition_diagram(Phase(name))
-                return replace(step, facts={live_step.STATE_FACT: name}, diagram=diagram)
+                past = NOT_KNOWN_AT_REST if name in (Phase.STOP, Phase.MANUAL) else {}
+                facts = {live_step.STATE_FACT: name, **past}
+                return replace(step, facts=facts, diagram=diagram)
         return live_step.Step()
 
     def _make_scene_setup(self, title: str) -> live_step.SceneSetup:
@@ -174,8 +178,8 @@ class CrawlShow:
         return {
             live_step.STATE_FACT: str(cycle.phase),
             "pass": f"{cycle.number} of {len(self._job.passes)}" if cycle.number else "",
-            "along the joint": f"{1e3 * cycle.travel:.0f} of {1e3 * self._job.weld.length:.0f} mm",
-            "speed": f"{1e3 * cycle.state.odometry.speed:.1f} mm/s",
+            "along the joint": f"{1e3 * cycle.travel:z.0f} of {1e3 * self._job.weld.length:.0f} mm",
+            "speed": f"{1e3 * cycle.state.odometry.speed:z.1f} mm/s",
             "joint read": reading,
             "arc": "burns" if cycle.arc else "off",
             "torch jogged by": f"{1e3 * cycle.jog:+.2f} mm",
@@ -401,7 +405,7 @@ def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:
     def start() -> None:
         hand.start_crawl()
         if run.page is not None:
-            run.page.enable_buttons(dict.fromkeys(("Start", *hand.button_words), False))
+            run.page.withdraw_buttons(("Start", *hand.button_words))
         run.record(live_step.Step(facts={live_step.BUTTONS_FACT_NAME: ""}))
 
     run.record(
