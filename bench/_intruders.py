@@ -120,8 +120,13 @@ def _intrude(port: int, kind: Intrusion, in_turn: bool, loose: Any, ready: Any) 
 
 
 def driver(broker: MosquittoProcess) -> MqttVehicle:
-    """The product's driver of vehicle 1; a busy machine is no silent vehicle."""
-    return MqttVehicle(MqttSettings(port=broker.port, prefix=PREFIX, silence_limit=5.0))
+    """The product's driver of vehicle 1; a busy machine is no silent vehicle.
+
+    What an intruder sent before may take a while to drain before the vehicle hears who is there.
+    """
+    return MqttVehicle(
+        MqttSettings(port=broker.port, prefix=PREFIX, silence_limit=5.0, connect_limit=60.0)
+    )
 
 
 def seconds_until_stopped(

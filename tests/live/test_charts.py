@@ -51,6 +51,11 @@ def test_a_profile_has_equal_axes_and_its_brace_up() -> None:
         assert (np.ptp(drawn, axis=0) <= np.array(CHART_SIZE)).all()
 
 
+@pytest.mark.parametrize("value", [0.0, 1e-9, -3e-7, 43.2])
+def test_numbers_beside_a_single_value_are_short(value: float) -> None:
+    assert max(len(f"{tick:g}") for tick in scale_ticks([value])) <= len("-0.001")
+
+
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=5))
 def test_ticks_hold_all_values_evenly(values: list[float]) -> None:
     ticks = scale_ticks(values)

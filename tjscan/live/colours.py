@@ -26,6 +26,9 @@ UNKNOWN_COLOUR: Final[Colour] = (120, 120, 120)
 COLOUR_SCALE_END_MULTIPLES: Final = (1.0, 2.0, 5.0, 10.0)
 """What the ends of a scale are multiples of, times a power of ten."""
 
+LEAST_SPAN: Final = 4e-3
+"""Of a scale, in its unit: less than that is no difference in mm, s, degrees, N or A."""
+
 
 @dataclass(frozen=True, slots=True)
 class ColourScale:
@@ -73,7 +76,7 @@ def scale_ticks(values: Iterable[float]) -> Array:
     """Round numbers from below to above all values that are known, evenly spaced."""
     known = [value for value in values if isfinite(value)]
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
-    span = max(high - low, 0.02 * max(abs(low), abs(high)), 1e-6)
+    span = max(high - low, 0.02 * max(abs(low), abs(high)), LEAST_SPAN)
     power = 10.0 ** floor(log10(span / 4))
     step = power * next(
         (one for one in COLOUR_SCALE_END_MULTIPLES if one >= span / 4 / power),
