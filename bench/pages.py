@@ -84,7 +84,7 @@ def measure(runs: dict[str, Words]) -> Iterator[Row]:
     with TemporaryDirectory() as name, started_browser() as browser:
         folder = Path(name)
         (folder / "crawl.toml").write_text(SHORT_CRAWL, encoding="utf-8")
-        longer = SHORT_CRAWL.replace("length_m = 0.03", "length_m = 0.2")
+        longer = SHORT_CRAWL.replace("length_m = 0.03", "length_m = 0.1")
         (folder / "longer-crawl.toml").write_text(longer, encoding="utf-8")
         for run, words in runs.items():
             call(folder, *words, "--out", run)
