@@ -62,7 +62,7 @@ LONG_RUNS: Final[dict[str, Words]] = {
 """The same of what takes longer."""
 
 LIVE_RUNS: Final[dict[str, tuple[Words, str]]] = {
-    "scan": (("scan", EXAMPLES / "paper.toml", "--wait"), "scanning"),
+    "scan": (("scan", EXAMPLES / "paper.toml", "--wait"), "doing.*section"),
     "crawl": (("crawl", "run", Path("longer-crawl.toml"), "--wait"), "weld|return"),
     "tow": (LONG_RUNS["tow"], "welding|waits"),
 }
