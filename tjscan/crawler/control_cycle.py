@@ -48,10 +48,6 @@ MOST_BENDS: Final = 3
 """How often the joint may be found to bend: what bends on and on has a radius, which the job must
 state, or is no joint that bends."""
 
-SURE_READING: Final = 0.04e-3
-"""Metres: a reading of a larger standard deviation tells of a jump by so much less. Edges are read
-surer; by a bead's toe a joint is read to 0.05 to 0.15 mm."""
-
 WIDTH_STATION_LENGTH: Final = 5e-3
 """Metres of the joint for which one mean width is kept."""
 
@@ -342,8 +338,6 @@ class ControlCycle:
         if reading is not None:
             d, d_sigma = self.joint.seen[-1][0], reading.centre_sigma
             misfit = method.read(d, d_sigma)
-            if misfit is not None and reading.lone_sigma > SURE_READING:
-                misfit = misfit[0] * SURE_READING / reading.lone_sigma, misfit[1]
         torch, jog = method.torch, devices.jog.offset
         path += jog
         aside = devices.torch_aside
@@ -383,6 +377,7 @@ class ControlCycle:
                 period,
                 profile,
                 misfit,
+                sigma=0.0 if reading is None else reading.lone_sigma,
                 filled=filled,
                 follow_bend=self._follow_bend if aligns and twist != AT_REST else None,
             )
