@@ -46,9 +46,9 @@ FEWEST_PROFILES: Final = 3
 PLATE_MARGIN: Final = 8e-3
 """Of the plates beside the joint that a look shows, metres."""
 
-MOST_BEHIND, BEHIND_STEP = 15e-3, 0.25e-3
-"""Metres by which the torch may be behind where tracks have it, 3 % of half a metre from what the
-laser sees to it, and in what steps that is told by the ends of the first bead."""
+MOST_BEHIND: Final = 15e-3
+"""Metres by which the torch may be behind where tracks have it: 3 % of the half metre that the
+laser is ahead."""
 
 EDGE_POOLING, EDGE_SIGMA = 6e-3, 0.05e-3
 """To either side of a station over which its edges are the median of those read, and how well the
@@ -141,7 +141,7 @@ class CrawlPassPlanner:
         else:
             if bead is not None and bead.number < laid:
                 if bead.number == 0:
-                    self._behind = self._distance_behind(self.planner, bead)
+                    self._behind = self._distance_behind()
                     self._see_bare_joint()
                 ends = 0.0, self.job.weld.length
                 area = self.planner.area_of_arc(bead.s, ends, bead.feed, bead.speed)
@@ -210,34 +210,26 @@ class CrawlPassPlanner:
         self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
         return look
 
-    def _distance_behind(self, planner: WeldPlanner, bead: NextBead) -> float:
+    def _distance_behind(self) -> float:
         """How far behind the place that tracks show the torch laid the first bead, metres.
 
         Tracks slip between where the laser sees a place and where the torch comes to it. Where the
-        bead begins and ends shows by how much.
+        bead ends shows by how much, to a millimetre; the laser need not come to where it begins.
         """
-        length = self.job.weld.length
-        x = np.arange(-MOST_BEHIND, length + MOST_BEHIND, PROFILE_SPACING)
+        end = self.job.weld.length
+        x = np.arange(0.0, end + MOST_BEHIND, PROFILE_SPACING)
         grown = self._metal_along(self._seen, x) - self._metal_along(self._bare, x)
-        shown = np.isfinite(grown)
-        if not (shown & (x < 0)).any() or not (shown & (x > length)).any():
-            return 0.0
-        tried = np.arange(-MOST_BEHIND, MOST_BEHIND + BEHIND_STEP / 2, BEHIND_STEP)
-        misfits = []
-        for behind in tried:
-            s = x + behind
-            on = bead.at(np.clip(s, 0.0, length))
-            laid = planner.area_of_arc(s, (0.0, length), on.feed, on.speed)
-            misfits.append(np.sum((grown - laid * ((s > 0) & (s < length)))[shown] ** 2))
-        best = int(np.argmin(misfits))
-        if best in (0, len(tried) - 1):
+        welded = grown > np.nanmedian(grown[x < end]) / 2 if np.isfinite(grown[-1]) else x < end
+        behind = end - PROFILE_SPACING - float(x[welded].max(initial=0.0))
+        if abs(behind) > MOST_BEHIND - 2 * PROFILE_SPACING:
             raise CrawlStopped(
                 "bead misplaced",
-                f"the first bead lies over {1e3 * MOST_BEHIND:.0f} mm along the joint from where "
-                "the tracks had the torch: look at vehicle.laser_to_torch_mm, and whether the "
-                "tracks slip or their sprockets' radius is wrong",
+                f"the first bead ends {1e3 * abs(behind):.0f} mm "
+                f"{'before' if behind > 0 else 'beyond'} where the tracks had the torch: look at "
+                "vehicle.laser_to_torch_mm, and whether tracks slip or their sprockets' radius is "
+                "wrong",
             )
-        return float(tried[best])
+        return behind
 
     def _metal_along(self, seen: Sequence[Seen], x: Array) -> Array:
         """Section over the root between the toes at places, (n,), m²; NaN beyond those seen."""
