@@ -128,6 +128,8 @@ class JointSensor:
         self.seen: deque[tuple[float, Profile]] = deque(maxlen=MOST_KEPT_PROFILES)
         """The last profiles that were read, with laser minus bare joint in each, metres."""
         self._widths: dict[int, tuple[float, int]] = {}
+        self.at_bead_end = False
+        """Whether the laser is where beads end: nothing is read there, nor told by the picture."""
 
     def look(self, travel: float) -> tuple[Profile, JointPlacement | None]:
         """Take a profile, and find the joint in it, if it shows it and is of now.
@@ -150,11 +152,14 @@ class JointSensor:
                 detail = f"a profile of the laser is dated {off:.2f} s off the clock, and not read"
                 self._journal.record(RunEvent("old profile", detail))
             return profile, None
+        at = travel + self._devices.laser_to_torch
+        self.at_bead_end = self._look is not None and self._look.at_bead_end(at)
+        if self.at_bead_end:
+            return profile, None
         try:
             reading = self._devices.reader.read(profile, travel)
         except GrooveNotFound:
             return profile, None
-        at = travel + self._devices.laser_to_torch
         moved = 0.0 if self._look is None else self._look.middle_moved(at)
         self.seen.append((moved - reading.centre, profile))
         if isfinite(reading.width):
@@ -200,6 +205,12 @@ class JointLook(Protocol):
 
         Metres, at a place along the joint: where it closes as it is welded it no longer runs as it
         did, and what is steered along is the bare joint.
+        """
+
+    def at_bead_end(self, at: float) -> bool:
+        """Whether beads end about a place along the joint, metres.
+
+        Edges and outlines there are of neither of two sections: a bead's end looks like an edge.
         """
 
 
@@ -378,7 +389,7 @@ class ControlCycle:
                 profile,
                 misfit,
                 sigma=0.0 if reading is None else reading.lone_sigma,
-                filled=filled,
+                filled=filled or self.joint.at_bead_end,
                 follow_bend=self._follow_bend if aligns and twist != AT_REST else None,
             )
             self._watch.inertial.add(state, misfits, period)

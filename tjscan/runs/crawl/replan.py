@@ -50,6 +50,10 @@ MOST_BEHIND: Final = 15e-3
 """Metres by which the torch may be behind where tracks have it: 3 % of the half metre that the
 laser is ahead."""
 
+BEAD_END_REACH: Final = 3e-3
+"""Metres to either side of where beads end within which nothing is read: how well that is known,
+and how long an end is."""
+
 EDGE_POOLING, EDGE_SIGMA = 6e-3, 0.05e-3
 """To either side of a station over which its edges are the median of those read, and how well the
 centre between these must be known, as a standard deviation; metres."""
@@ -88,7 +92,7 @@ class CrawlPassPlanner:
     _last: float = np.inf
     _seen: list[Seen] = field(default_factory=list)
     _bare: list[Seen] = field(default_factory=list)
-    _behind: float = 0.0
+    _behind: float | None = None
 
     def __post_init__(self) -> None:
         length = self.job.weld.length
@@ -111,11 +115,20 @@ class CrawlPassPlanner:
     def middle_moved(self, at: float) -> float:
         """See `JointLook.middle_moved`; the planner's groove closes from the left (assumption)."""
         s = np.concatenate((self.s[:1] - EDGE_POOLING, self.s, self.s[-1:] + EDGE_POOLING))
-        return float(np.interp(at + self._behind, s, np.pad(self._closed, 1))) / 2
+        return float(np.interp(self._place(at), s, np.pad(self._closed, 1))) / 2
+
+    def at_bead_end(self, at: float) -> bool:
+        """See `JointLook.at_bead_end`: of the first bead alone, both edges are seen beside it."""
+        off = min(abs(self._place(at)), abs(self._place(at) - self.job.weld.length))
+        return self._behind is not None and off < BEAD_END_REACH
+
+    def _place(self, at: float) -> float:
+        """Where along the weld the torch comes to what the laser sees at a place, metres."""
+        return at + (self._behind or 0.0)
 
     def unread_stretch(self) -> float:
         """See `PassPlanner.unread_stretch`."""
-        places = np.sort([at + self._behind for at, _, _ in self._seen])
+        places = np.sort([self._place(at) for at, _, _ in self._seen])
         near = [np.searchsorted(places, self.s + side) for side in (-POOLED_LENGTH, POOLED_LENGTH)]
         unread = near[1] - near[0] < FEWEST_PROFILES
         if not unread.all():
@@ -256,7 +269,7 @@ class CrawlPassPlanner:
     def _edges_along_weld(self, seen: Sequence[Seen]) -> Array:
         """Top edges at the stations, shape (n, 2), from the joint's centre; NaN where not read."""
         rows = [
-            (at + self._behind, *placement.joint_coordinates(*placement.edges.T)[0])
+            (self._place(at), *placement.joint_coordinates(*placement.edges.T)[0])
             for at, _, placement in seen
             if isinstance(placement, ButtJointReading)
             and np.isfinite(placement.edges).all()
@@ -283,7 +296,7 @@ class CrawlPassPlanner:
         toes = self._toes_u
         u = columns_over(toes, PLATE_MARGIN)
         heights = self._heights(seen, u)
-        places = np.tile([[at + self._behind] for at, _, _ in seen], (1, len(u)))
+        places = np.tile([[self._place(at)] for at, _, _ in seen], (1, len(u)))
         steps = np.diff(heights, axis=1)
         noise = np.full_like(heights, mad_sigma(steps[np.isfinite(steps)]) / np.sqrt(2))
         return look_of_heights(self.s, (places, heights, noise), u, toes, POOLED_LENGTH)
