@@ -247,7 +247,7 @@ def weld_crawl(seed: int, length: float) -> CrawlOutcome:
     return CrawlOutcome(
         sum(end - begin > 0.95 * length for begin, end in cell.world.welded),
         stopped,
-        SurfaceErrors.of_weld(state.part(state.s <= length), order.cap_height),
+        SurfaceErrors.of_weld(state.part((state.s >= 0) & (state.s <= length)), order.cap_height),
         abs(planned[-1].torch_offset - true),
         stated,
         tuple(float(np.sqrt(np.mean(rows**2))) for rows in beside.values()),

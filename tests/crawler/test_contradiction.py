@@ -1,7 +1,7 @@
 """Data that contradict themselves stop arc and vehicle, and the cause is named."""
 
 from collections.abc import Callable, Iterable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from math import radians, sqrt
 from pathlib import Path
@@ -458,6 +458,26 @@ def test_readings_off_by_chance_stop_nothing(correlation: float) -> None:
         new = 30e-6 * np.sqrt(1 - correlation**2) * rng.standard_normal()
         off = correlation * off + new
         watch.add(going, going, 0.01, empty, (off, off))
+
+
+@pytest.mark.parametrize(("sigma", "knock"), [(0.05e-3, 0.5e-3), (0.15e-3, 1.5e-3)])
+def test_readings_that_are_off_alike_stop_nothing_and_hide_no_knock(
+    sigma: float, knock: float
+) -> None:
+    """By one bead's toe the joint is read aside over some centimetres, by as much as is stated."""
+    watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(3)
+    going, off, empty = Twist(8e-3, 0.0), 0.0, Profile(np.empty(0), np.empty(0))
+    for length in np.geomspace(1e-3, 0.1, 50):
+        kept = np.exp(-80e-6 / length)
+        for k in range(10_000):
+            alike = k > 7_500  # before that its edges show
+            off = kept * off * alike + sigma * sqrt(1 - kept**2 * alike) * rng.standard_normal()
+            surprise = off if alike else 10e-6 * float(rng.standard_normal())
+            watch.add(going, going, 0.01, empty, (surprise, off), sigma=alike * sigma)
+    with suppress(CrawlStopped):
+        for _ in range(200):
+            watch.add(going, going, 0.01, empty, (knock, knock), sigma=sigma)
+        pytest.fail("the knock was not noticed")
 
 
 def test_drives_that_lag_more_than_assumed_stop_nothing() -> None:

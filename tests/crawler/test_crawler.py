@@ -340,7 +340,10 @@ def test_an_unsure_reading_tells_of_a_jump_by_less(
         def read(self, profile: Profile, travel: float) -> JointPlacement:
             found = reader.read(profile, travel)
             aside = jump * (0.005 < travel < 0.011)
-            return replace(found, centre=found.centre + aside, lone_sigma=sigma)
+            unsure = max(found.centre_sigma, sigma)
+            return replace(
+                found, centre=found.centre + aside, centre_sigma=unsure, lone_sigma=sigma
+            )
 
     guard = ""
     with cell:

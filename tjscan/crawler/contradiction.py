@@ -208,7 +208,7 @@ class ScatterWatch:
     scatter: float | Array = 0.0
     means: Array = field(default_factory=lambda: np.zeros(2))
 
-    def add(self, off: float | Sequence[float], step: float) -> list[bool]:
+    def add(self, off: Sequence[float] | Array, step: float) -> list[bool]:
         """Take in what is off, after a step in the unit of the memories.
 
         Returns
@@ -431,6 +431,7 @@ class ContradictionWatch:
         profile: Profile,
         misfit: tuple[float, float] | None,
         *,
+        sigma: float = 0.0,
         filled: bool = False,
         follow_bend: Callable[[], bool] | None = None,
     ) -> None:
@@ -446,6 +447,9 @@ class ContradictionWatch:
         misfit : tuple of float or None
             How far the reading is off, and how far readings went aside, as of
             `FollowingMethod.read`; None if there is none.
+        sigma : float, optional
+            Standard deviation of a reading that is off as those before it are, metres: no mean over
+            some way is surer. By a bead's toe a joint is read to 0.05 to 0.15 mm.
         filled : bool, optional
             Whether the picture shows even steel: it can't show whether it moved.
         follow_bend : callable, optional
@@ -484,7 +488,9 @@ class ContradictionWatch:
         self._last_speed = shown.speed or self._last_speed
         if way > CREEPING_SPEED * period:  # nothing bends at rest: what goes aside there is a jump
             self._aside.append((self._way, aside))
-        contradicts = any(self._readings.add(off, max(way, LEAST_WAY_PER_READING)))
+        least = np.array(LEAST_SCATTERS)
+        counted = off * least / np.hypot(least, sigma)
+        contradicts = any(self._readings.add(counted, max(way, LEAST_WAY_PER_READING)))
         self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
         leads_aside = abs(self._readings.means[1]) > BEND_LIMIT * LEAST_SCATTERS[1]
         if self._doubt is not None or not (

@@ -48,10 +48,6 @@ MOST_BENDS: Final = 3
 """How often the joint may be found to bend: what bends on and on has a radius, which the job must
 state, or is no joint that bends."""
 
-SURE_READING: Final = 0.04e-3
-"""Metres: a reading of a larger standard deviation tells of a jump by so much less. Edges are read
-surer; by a bead's toe a joint is read to 0.05 to 0.15 mm."""
-
 WIDTH_STATION_LENGTH: Final = 5e-3
 """Metres of the joint for which one mean width is kept."""
 
@@ -132,6 +128,8 @@ class JointSensor:
         self.seen: deque[tuple[float, Profile]] = deque(maxlen=MOST_KEPT_PROFILES)
         """The last profiles that were read, with laser minus bare joint in each, metres."""
         self._widths: dict[int, tuple[float, int]] = {}
+        self.at_bead_end = False
+        """Whether the laser is where beads end: nothing is read there, nor told by the picture."""
 
     def look(self, travel: float) -> tuple[Profile, JointPlacement | None]:
         """Take a profile, and find the joint in it, if it shows it and is of now.
@@ -154,11 +152,14 @@ class JointSensor:
                 detail = f"a profile of the laser is dated {off:.2f} s off the clock, and not read"
                 self._journal.record(RunEvent("old profile", detail))
             return profile, None
+        at = travel + self._devices.laser_to_torch
+        self.at_bead_end = self._look is not None and self._look.at_bead_end(at)
+        if self.at_bead_end:
+            return profile, None
         try:
             reading = self._devices.reader.read(profile, travel)
         except GrooveNotFound:
             return profile, None
-        at = travel + self._devices.laser_to_torch
         moved = 0.0 if self._look is None else self._look.middle_moved(at)
         self.seen.append((moved - reading.centre, profile))
         if isfinite(reading.width):
@@ -204,6 +205,12 @@ class JointLook(Protocol):
 
         Metres, at a place along the joint: where it closes as it is welded it no longer runs as it
         did, and what is steered along is the bare joint.
+        """
+
+    def at_bead_end(self, at: float) -> bool:
+        """Whether beads end about a place along the joint, metres.
+
+        Edges and outlines there are of neither of two sections: a bead's end looks like an edge.
         """
 
 
@@ -342,8 +349,6 @@ class ControlCycle:
         if reading is not None:
             d, d_sigma = self.joint.seen[-1][0], reading.centre_sigma
             misfit = method.read(d, d_sigma)
-            if misfit is not None and reading.lone_sigma > SURE_READING:
-                misfit = misfit[0] * SURE_READING / reading.lone_sigma, misfit[1]
         torch, jog = method.torch, devices.jog.offset
         path += jog
         aside = devices.torch_aside
@@ -383,7 +388,8 @@ class ControlCycle:
                 period,
                 profile,
                 misfit,
-                filled=filled,
+                sigma=0.0 if reading is None else reading.lone_sigma,
+                filled=filled or self.joint.at_bead_end,
                 follow_bend=self._follow_bend if aligns and twist != AT_REST else None,
             )
             self._watch.inertial.add(state, misfits, period)

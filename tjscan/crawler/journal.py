@@ -142,6 +142,10 @@ class PlannedPass:
         How far the joint has closed since it was bare, metres; older programs did not state it.
     at_limit : float, optional
         Share of the weld on which a limit of the WPS leaves more than a little to later passes.
+    behind : float, optional
+        By how much farther than from the laser to the torch the tracks run until the torch is at
+        what the laser saw, metres, as the first bead's ends show it; older programs did not state
+        it.
     """
 
     number: int
@@ -159,6 +163,7 @@ class PlannedPass:
     feed: Array
     closed: Array | None = None
     at_limit: float | None = None
+    behind: float | None = None
 
     @property
     def table(self) -> BeadSegments:
@@ -170,9 +175,11 @@ class PlannedPass:
         """What it is, in words."""
         speed, feed = 1e3 * self.speed, 60 * self.feed
         limit = "" if not self.at_limit else f", {self.at_limit:.0%} of it at a limit of the WPS"
+        behind = "" if not self.behind else f", the torch {1e3 * self.behind:.1f} mm behind"
         return (
             f"pass {self.number} at {speed.min():.1f} to {speed.max():.1f} mm/s, wire feed "
             f"{feed.min():.1f} to {feed.max():.1f} m/min{limit}; {1 - self.unread:.0%} was read"
+            f"{behind}"
         )
 
 

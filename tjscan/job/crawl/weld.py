@@ -18,6 +18,9 @@ from tjscan.welding.world import TorchTrace, WeldWorld
 STATION_STEP, COLUMN_STEP = 2e-3, 0.25e-3
 """Between stations along the joint, and between columns across it, metres."""
 
+LENGTH_BEFORE: Final = 20e-3
+"""Metres of the joint before its start where beads may lie: of a torch that is behind."""
+
 PLATE_REACH: Final = 15e-3
 """Metres of either plate that a bead may reach."""
 
@@ -51,7 +54,7 @@ class CrawlWeld:
 
     def __post_init__(self) -> None:
         joint, settings = self.joint, self.settings
-        s = np.arange(0.0, joint.length + STATION_STEP / 2, STATION_STEP)
+        s = np.arange(-LENGTH_BEFORE, joint.length + STATION_STEP / 2, STATION_STEP)
         half = joint.width / 2 + PLATE_REACH
         u = np.arange(-half, half, COLUMN_STEP)
         # Without backing, the gap's bottom is where its root is.

@@ -22,7 +22,13 @@ from tjscan.laser.profile import Profile
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.weld.journal import SURFACE_EVENT
-from tjscan.welding.look import SurfaceLook, columns_over, heights_over_columns, look_of_heights
+from tjscan.welding.look import (
+    LEAST_SEEN_SHARE,
+    SurfaceLook,
+    columns_over,
+    heights_over_columns,
+    look_of_heights,
+)
 from tjscan.welding.replan import BeadOrder, NextBead, WeldPlanner
 from tjscan.welding.state import WeldState
 from tjscan.welding.target import surface_in_words
@@ -40,9 +46,21 @@ FEWEST_PROFILES: Final = 3
 PLATE_MARGIN: Final = 8e-3
 """Of the plates beside the joint that a look shows, metres."""
 
+MOST_BEHIND: Final = 15e-3
+"""Metres by which the torch may be behind where tracks have it: 3 % of the half metre that the
+laser is ahead."""
+
+BEAD_END_REACH: Final = 3e-3
+"""Metres to either side of where beads end within which nothing is read: how well that is known,
+and how long an end is."""
+
 EDGE_POOLING, EDGE_SIGMA = 6e-3, 0.05e-3
 """To either side of a station over which its edges are the median of those read, and how well the
 centre between these must be known, as a standard deviation; metres."""
+
+
+Seen = tuple[float, Profile, JointPlacement]
+"""Where along the joint by the tracks a profile was taken, metres, and the joint's place in it."""
 
 
 @dataclass(eq=False)
@@ -72,7 +90,9 @@ class CrawlPassPlanner:
     _closed: Array = field(init=False, repr=False)
     _bead: NextBead | None = None
     _last: float = np.inf
-    _seen: list[tuple[float, Profile, JointPlacement]] = field(default_factory=list)
+    _seen: list[Seen] = field(default_factory=list)
+    _bare: list[Seen] = field(default_factory=list)
+    _behind: float | None = None
 
     def __post_init__(self) -> None:
         length = self.job.weld.length
@@ -85,9 +105,8 @@ class CrawlPassPlanner:
         if cycle.arc:  # what was seen before lies below its bead
             self._seen.clear()
         at = cycle.travel + self.job.vehicle.laser_to_torch
-        # Beyond an end of the beads there is none: a median over both sides is of either surface.
-        outside = not 0.0 <= at <= self.job.weld.length
-        looks = cycle.phase in LOOKING_PHASES and not outside
+        near = -MOST_BEHIND <= at <= self.job.weld.length + MOST_BEHIND
+        looks = cycle.phase in LOOKING_PHASES and near
         if cycle.profile is None or not looks or abs(at - self._last) < 0.9 * PROFILE_SPACING:
             return
         self._last = at
@@ -96,15 +115,25 @@ class CrawlPassPlanner:
     def middle_moved(self, at: float) -> float:
         """See `JointLook.middle_moved`; the planner's groove closes from the left (assumption)."""
         s = np.concatenate((self.s[:1] - EDGE_POOLING, self.s, self.s[-1:] + EDGE_POOLING))
-        return float(np.interp(at, s, np.pad(self._closed, 1))) / 2
+        return float(np.interp(self._place(at), s, np.pad(self._closed, 1))) / 2
+
+    def at_bead_end(self, at: float) -> bool:
+        """See `JointLook.at_bead_end`: of the first bead alone, both edges are seen beside it."""
+        off = min(abs(self._place(at)), abs(self._place(at) - self.job.weld.length))
+        return self._behind is not None and off < BEAD_END_REACH
+
+    def _place(self, at: float) -> float:
+        """Where along the weld the torch comes to what the laser sees at a place, metres."""
+        return at + (self._behind or 0.0)
 
     def unread_stretch(self) -> float:
         """See `PassPlanner.unread_stretch`."""
-        places = np.sort([at for at, _, _ in self._seen])
+        places = np.sort([self._place(at) for at, _, _ in self._seen])
         near = [np.searchsorted(places, self.s + side) for side in (-POOLED_LENGTH, POOLED_LENGTH)]
         unread = near[1] - near[0] < FEWEST_PROFILES
         if not unread.all():
-            unread |= ~self._look().read if self._take_edges() else True
+            seen = self._seen
+            unread |= ~self._look(seen).read if self._take_edges(seen) else True
         middles = 0.5 * (self.s[1:] + self.s[:-1])
         borders = np.concatenate(([0.0], middles, [self.job.weld.length]))
         begin, end = stretches_of_true_values(unread)
@@ -118,25 +147,23 @@ class CrawlPassPlanner:
         LookRefused, CrawlStopped
             As `PassPlanner.plan_pass`; or if nothing shows the bare joint.
         """
-        if not self._take_edges():
-            raise CrawlStopped("not seen", "the joint's edges were not read along the weld")
-        look = self._look()
+        bead = self._bead
         if self.planner is None:
-            if not (read := look.read).any():
-                raise LookRefused("nothing read", "no profile shows the groove between its edges")
-            # Between the sections that were read: what shows only the plates is no groove.
-            w = [np.interp(self.s, self.s[read], column[read]) for column in look.w.T]
-            tilt = np.full(len(self.s), self.job.weld.tilt)
-            belief = WeldState.of_groove(self.s, look.u, np.transpose(w), self._toes_u, tilt)
-            self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
+            self._bare = self._seen
+            look = self._see_bare_joint()
         else:
-            if self._bead is not None and self._bead.number < laid:
+            if bead is not None and bead.number < laid:
+                if bead.number == 0:
+                    self._behind = self._distance_behind()
+                    self._see_bare_joint()
                 ends = 0.0, self.job.weld.length
-                area = self.planner.area_of_arc(self.s, ends, self._bead.feed, self._bead.speed)
-                self.planner.after_bead(self._bead, area)
+                area = self.planner.area_of_arc(bead.s, ends, bead.feed, bead.speed)
+                self.planner.after_bead(bead, area)
+            self._take_edges(self._seen)
+            look = self._look(self._seen)
             u = np.tile(look.u, (len(self.s), 1))
             self.planner.take_look(u, look.w, look.sigma, look.read)
-        self._seen.clear()
+        self._seen = []
         return self.planner, look
 
     def plan_pass(self, number: int) -> PlannedPass:
@@ -181,9 +208,56 @@ class CrawlPassPlanner:
             if reading is not None:
                 self.see(cycle, reading)
 
-    def _take_edges(self) -> bool:
+    def _see_bare_joint(self) -> SurfaceLook:
+        """Begin to plan with what was seen before the first bead."""
+        self.planner, self._closed = None, np.zeros(len(self.s))
+        if not self._take_edges(self._bare):
+            raise CrawlStopped("not seen", "the joint's edges were not read along the weld")
+        look = self._look(self._bare)
+        if not (read := look.read).any():
+            raise LookRefused("nothing read", "no profile shows the groove between its edges")
+        # Between the sections that were read: what shows only the plates is no groove.
+        w = [np.interp(self.s, self.s[read], column[read]) for column in look.w.T]
+        tilt = np.full(len(self.s), self.job.weld.tilt)
+        belief = WeldState.of_groove(self.s, look.u, np.transpose(w), self._toes_u, tilt)
+        self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
+        return look
+
+    def _distance_behind(self) -> float:
+        """How far behind the place that tracks show the torch laid the first bead, metres.
+
+        Tracks slip between where the laser sees a place and where the torch comes to it. Where the
+        bead ends shows by how much, to a millimetre; the laser need not come to where it begins.
+        """
+        end = self.job.weld.length
+        x = np.arange(0.0, end + MOST_BEHIND, PROFILE_SPACING)
+        grown = self._metal_along(self._seen, x) - self._metal_along(self._bare, x)
+        welded = grown > np.nanmedian(grown[x < end]) / 2 if np.isfinite(grown[-1]) else x < end
+        behind = end - PROFILE_SPACING - float(x[welded].max(initial=0.0))
+        if abs(behind) > MOST_BEHIND - 2 * PROFILE_SPACING:
+            raise CrawlStopped(
+                "bead misplaced",
+                f"the first bead ends {1e3 * abs(behind):.0f} mm "
+                f"{'before' if behind > 0 else 'beyond'} where the tracks had the torch: look at "
+                "vehicle.laser_to_torch_mm, and whether tracks slip or their sprockets' radius is "
+                "wrong",
+            )
+        return behind
+
+    def _metal_along(self, seen: Sequence[Seen], x: Array) -> Array:
+        """Section over the root between the toes at places, (n,), m²; NaN beyond those seen."""
+        u = columns_over(self._toes_u, 0.0)
+        rows = sorted(
+            (at, float(np.interp(u, u[known], row[known]).sum()) * (u[1] - u[0]))
+            for (at, _, _), row in zip(seen, self._heights(seen, u), strict=True)
+            if np.mean(known := np.isfinite(row)) > LEAST_SEEN_SHARE
+        )
+        at, area = np.reshape(rows, (-1, 2)).T
+        return np.interp(x, at, area, np.nan, np.nan) if len(at) else np.full(len(x), np.nan)
+
+    def _take_edges(self, seen: Sequence[Seen]) -> bool:
         """Take where the edges are now; False if they were not read while the joint was bare."""
-        edges = self._edges_along_weld()
+        edges = self._edges_along_weld(seen)
         if self.planner is None:
             if not np.isfinite(edges).any():
                 return False
@@ -192,11 +266,11 @@ class CrawlPassPlanner:
         self._closed = np.where(np.isfinite(closed), closed, self._closed)
         return True
 
-    def _edges_along_weld(self) -> Array:
+    def _edges_along_weld(self, seen: Sequence[Seen]) -> Array:
         """Top edges at the stations, shape (n, 2), from the joint's centre; NaN where not read."""
         rows = [
-            (at, *placement.joint_coordinates(*placement.edges.T)[0])
-            for at, _, placement in self._seen
+            (self._place(at), *placement.joint_coordinates(*placement.edges.T)[0])
+            for at, _, placement in seen
             if isinstance(placement, ButtJointReading)
             and np.isfinite(placement.edges).all()
             and placement.centre_sigma < EDGE_SIGMA
@@ -209,15 +283,20 @@ class CrawlPassPlanner:
         ]
         return np.array(pooled)
 
-    def _look(self) -> SurfaceLook:
-        toes = self._toes_u
-        u = columns_over(toes, PLATE_MARGIN)
-        heights = np.empty((len(self._seen), len(u)))
-        for row, (at, profile, placement) in zip(heights, self._seen, strict=True):
+    def _heights(self, seen: Sequence[Seen], u: Array) -> Array:
+        """Heights of profiles at columns of the bare joint, (p, k), metres; NaN where not seen."""
+        heights = np.empty((len(seen), len(u)))
+        for row, (at, profile, placement) in zip(heights, seen, strict=True):
             steel = profile.x_s[profile.valid], profile.z_s[profile.valid]
             across, into = placement.joint_coordinates(*steel)
             row[:] = heights_over_columns(across, (-into,), u - self.middle_moved(at))[0]
-        places = np.tile([[at] for at, _, _ in self._seen], (1, len(u)))
+        return heights
+
+    def _look(self, seen: Sequence[Seen]) -> SurfaceLook:
+        toes = self._toes_u
+        u = columns_over(toes, PLATE_MARGIN)
+        heights = self._heights(seen, u)
+        places = np.tile([[self._place(at)] for at, _, _ in seen], (1, len(u)))
         steps = np.diff(heights, axis=1)
         noise = np.full_like(heights, mad_sigma(steps[np.isfinite(steps)]) / np.sqrt(2))
         return look_of_heights(self.s, (places, heights, noise), u, toes, POOLED_LENGTH)
@@ -253,6 +332,7 @@ class CrawlPassPlanner:
             rows.feed,
             np.interp(s, self.s, self._closed),
             at_limit=float(bead.is_at_limit.mean()),
+            behind=self._behind,
         )
 
 
