@@ -249,7 +249,8 @@ class WeldPlanner:
         first = np.where(state.first_area > 0, state.first_area, open_area / sum(self.order.counts))
         final = self.learner.shrinkage.value * self.shrinkage.transverse(metal + open_area, first)
         by = np.maximum(final - state.closed, 0.0)
-        return open_area - area_lost_by_closing(state, by, self.shrinkage.turn_per_metre, cap)
+        depth = state.toe_points[:, 0, 1] - state.base.min(axis=1)
+        return open_area - area_lost_by_closing(depth, by, self.shrinkage.turn_per_metre, cap)
 
     def next_bead(self, part: GroovePart | None = None) -> NextBead:
         """Plan the next bead from the belief, on a part of the groove or on all of it."""
