@@ -369,11 +369,11 @@ class WeldPlanner:
             begin = even_aims(state, top, target, left, CAP_SPREAD if last else 1.0)
             aims, shares = search.descend(begin, FIRST_STEPS)
             self._aims[key] = aims
-            return aims, shares
+            return search.keep_from_edges(begin, aims, shares), shares
         known = known[-left:]  # a weld that was resumed has no aims of the beads before
         aims, shares = search.descend(known, LATER_STEPS)
-        most = LARGEST_AIM_CHANGE
-        return np.clip(aims, known - most, known + most), shares
+        aims = np.clip(aims, known - LARGEST_AIM_CHANGE, known + LARGEST_AIM_CHANGE)
+        return search.keep_from_edges(known, aims, shares), shares
 
     def _widths(self, area: Array, left: int) -> Array:
         """Width of each remaining bead of the layer, shape (left, k), metres."""
