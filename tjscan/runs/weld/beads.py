@@ -146,16 +146,16 @@ def order_beads(
     ConfigurationError
         If nothing that the WPS allows fits.
     """
-    widest = float(model.widest_on_slope(tilt).min())
+    widest = model.widest_on_slope(tilt)
     opened, metal = area_that_closing_leaves(corners, wps)
-    wps = with_narrower_beads(wps, model, widest, float(np.mean(metal / opened)))
+    wps = with_narrower_beads(wps, model, float(widest.min()), float(np.mean(metal / opened)))
     plan = plan_weld(edges, wps, gravity)
     arrangement = max(plan.zones, key=lambda one: one.end - one.begin).arrangement
     counts, feeds = arrangement.counts, arrangement.feeds
-    area = arrangement.shares * metal.mean()
+    area = metal[:, None] * arrangement.shares
     width = model.bead_width(wps.heat_input(feeds, wps.deposition_rate(feeds) / area))
     wanted = np.repeat(WEAVE_WIDTHS, (sum(counts[:-1]), counts[-1]))
-    spare = widest - width
+    spare = np.min(widest[:, None] - width, axis=0)
     weaves = np.clip(spare, 0.0, wanted)
     return BeadOrder(
         counts=tuple(counts),
