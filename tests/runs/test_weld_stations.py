@@ -101,16 +101,15 @@ def test_a_pass_is_planned_as_if_the_groove_ended_where_it_does() -> None:
         alone.after_bead(planned, planned.area)
 
 
-def test_beads_are_planned_for_the_metal_that_a_closing_groove_takes() -> None:
+def test_beads_weave_by_the_metal_that_a_closing_groove_takes() -> None:
     p3, p4, g, p2 = corners = np.array(((-1e-3, 0.0), (1e-3, 0.0), (9e-3, 14e-3), (-10e-3, 18e-3)))
     u = np.arange(-25e-3, 25e-3, 0.25e-3)
     leg, wall = g + 2 * (g - p4), p2 + np.array((-20e-3, 5e-3))
     w = np.interp(u, *np.array((wall, p2, p3, p4, leg)).T)
     state = WeldState.of_groove(np.zeros(1), u, w[None], np.array(((p2[0], g[0]),)), np.zeros(1))
-    opened, metal = area_that_closing_leaves(corners[None], WPS)
+    metal = area_that_closing_leaves(corners[None], WPS)
     cap = replace(ORDER, cap_height=WPS.bead.cap_height)
     assert metal == pytest.approx(WeldPlanner(state, cap, WPS).total, rel=0.02)
-    assert (metal < 0.95 * opened).all()
 
 
 def test_passes_stay_where_their_station_looks() -> None:

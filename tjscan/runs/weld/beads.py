@@ -147,8 +147,8 @@ def order_beads(
         If nothing that the WPS allows fits.
     """
     widest = model.widest_on_slope(tilt)
-    opened, metal = area_that_closing_leaves(corners, wps)
-    wps = with_narrower_beads(wps, model, float(widest.min()), float(np.mean(metal / opened)))
+    metal = area_that_closing_leaves(corners, wps)
+    wps = with_narrower_beads(wps, model, float(widest.min()))
     plan = plan_weld(edges, wps, gravity)
     arrangement = max(plan.zones, key=lambda one: one.end - one.begin).arrangement
     counts, feeds = arrangement.counts, arrangement.feeds
@@ -166,8 +166,8 @@ def order_beads(
     )
 
 
-def area_that_closing_leaves(corners: Array, wps: WeldingProcedure) -> tuple[Array, Array]:
-    """Area of the open groove at n stations, and what of it is filled as it closes, (n,), m².
+def area_that_closing_leaves(corners: Array, wps: WeldingProcedure) -> Array:
+    """Area that is filled at n stations as the groove closes meanwhile, shape (n,), m².
 
     Parameters
     ----------
@@ -179,12 +179,10 @@ def area_that_closing_leaves(corners: Array, wps: WeldingProcedure) -> tuple[Arr
     area = SectionTemplate(corners, cap).area
     depth = corners[:, 3, 1] - corners[:, :2, 1].min(axis=1)
     by = shrinkage.transverse(area, np.full_like(area, wps.bead.fill_area[0]))
-    return area, area - area_lost_by_closing(depth, by, shrinkage.turn_per_metre, cap)
+    return area - area_lost_by_closing(depth, by, shrinkage.turn_per_metre, cap)
 
 
-def with_narrower_beads(
-    wps: WeldingProcedure, model: BeadModel, widest: float, left: float
-) -> WeldingProcedure:
+def with_narrower_beads(wps: WeldingProcedure, model: BeadModel, widest: float) -> WeldingProcedure:
     """The procedure with such areas of fill and cap that pools without weave stay narrow enough.
 
     Parameters
@@ -193,13 +191,11 @@ def with_narrower_beads(
     model : BeadModel
     widest : float
         Of a pool, metres.
-    left : float
-        Share of the open groove, for which the areas are, that is filled as it closes.
     """
     feed, speed = np.array(wps.arc.wire_feed[1]), np.array(wps.arc.travel_speed[1])
     width = model.bead_width(wps.heat_input(feed, speed))
     # Area and heat input grow alike, and with the square of the width.
-    most = float(wps.deposition_rate(feed) / speed * (widest / width) ** 2) / left
+    most = float(wps.deposition_rate(feed) / speed * (widest / width) ** 2)
     (fill, high), (cap, cap_high) = wps.bead.fill_area, wps.bead.cap_area
     narrowed = replace(
         wps.bead,
