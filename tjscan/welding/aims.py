@@ -35,6 +35,9 @@ stations find different ways to lay a layer, and what is smoothed between them i
 AGREEMENT_STATIONS: Final = 1.0
 """Standard deviation, in stations, of the smoothing after each round."""
 
+ARC_WANDER: Final = 0.5e-3
+"""Standard deviation of an arc's place about its wire, metres (assumption)."""
+
 CAP_SPREAD: Final = 1.12
 """The last layer's aims begin so much farther apart than evenly: its beads have to cover the
 toes."""
@@ -135,6 +138,26 @@ class AimSearch:
                 (aims, shares), AGREEMENT_STATIONS, axis=2, mode="nearest"
             )
         return aims, shares
+
+    def keep_from_edges(self, begin: Array, aims: Array, shares: Array) -> Array:
+        """The aims, that of the next bead moved to where it costs least while the arc wanders.
+
+        The best aim beside a toe may be an arc's wander from where all of the pool runs out of the
+        groove.
+
+        Parameters
+        ----------
+        begin, aims, shares : ndarray, shape (count, k)
+            As of `descend`.
+        """
+        shifts = ARC_WANDER * np.arange(-3, 4)
+        moved = (np.concatenate((aims[:1] + shift, aims[1:])) for shift in shifts)
+        costs = np.array([self._cost(0, self.state.w, begin, one, shares) for one in moved])
+        costs = costs[:-2] + costs[1:-1] + costs[2:]
+        nearest = np.argsort(np.abs(shifts[1:-1]), kind="stable")
+        best = shifts[1:-1][nearest][np.argmin(costs[nearest], axis=0)]
+        best = gaussian_filter1d(best, AGREEMENT_STATIONS, mode="nearest")
+        return np.concatenate((aims[:1] + best, aims[1:]))
 
     def _lay(self, beads: range, w: Array, aims: Array, shares: Array) -> tuple[Array, Mask]:
         """Surfaces after some of the beads, and where a pool of theirs would fall."""

@@ -249,7 +249,8 @@ class WeldPlanner:
         first = np.where(state.first_area > 0, state.first_area, open_area / sum(self.order.counts))
         final = self.learner.shrinkage.value * self.shrinkage.transverse(metal + open_area, first)
         by = np.maximum(final - state.closed, 0.0)
-        return open_area - area_lost_by_closing(state, by, self.shrinkage.turn_per_metre, cap)
+        depth = state.toe_points[:, 0, 1] - state.base.min(axis=1)
+        return open_area - area_lost_by_closing(depth, by, self.shrinkage.turn_per_metre, cap)
 
     def next_bead(self, part: GroovePart | None = None) -> NextBead:
         """Plan the next bead from the belief, on a part of the groove or on all of it."""
@@ -368,11 +369,11 @@ class WeldPlanner:
             begin = even_aims(state, top, target, left, CAP_SPREAD if last else 1.0)
             aims, shares = search.descend(begin, FIRST_STEPS)
             self._aims[key] = aims
-            return aims, shares
+            return search.keep_from_edges(begin, aims, shares), shares
         known = known[-left:]  # a weld that was resumed has no aims of the beads before
         aims, shares = search.descend(known, LATER_STEPS)
-        most = LARGEST_AIM_CHANGE
-        return np.clip(aims, known - most, known + most), shares
+        aims = np.clip(aims, known - LARGEST_AIM_CHANGE, known + LARGEST_AIM_CHANGE)
+        return search.keep_from_edges(known, aims, shares), shares
 
     def _widths(self, area: Array, left: int) -> Array:
         """Width of each remaining bead of the layer, shape (left, k), metres."""

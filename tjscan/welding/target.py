@@ -80,13 +80,12 @@ def remaining_area(state: WeldState, target: WeldTarget) -> Array:
 
 
 def area_lost_by_closing(
-    state: WeldState, by: Array, turn_per_metre: float, cap_height: float
+    depth: Array, by: Array, turn_per_metre: float, cap_height: float
 ) -> Array:
     """Area that a groove loses when its left side comes nearer by a way, shape (n,), m².
 
     The metal in it is upset, so all that is lost was open.
     """
-    depth = state.toe_points[:, 0, 1] - state.base.min(axis=1)
     return np.asarray(by * (depth * (1 + 0.5 * turn_per_metre * depth) + 2 / 3 * cap_height))
 
 

@@ -1,7 +1,7 @@
 """Which beads a weld has, and in which passes it is laid.
 
 No bead is wider than its pool can be. Where a weld is made from several stations, these lay a layer
-one after the other, and the border between them lies elsewhere in each bead.
+one after the other, and the border between them lies elsewhere in each layer.
 """
 
 from __future__ import annotations
@@ -19,8 +19,11 @@ from tjscan.planning.plan import plan_weld
 from tjscan.planning.stops import UNREACHED_STATION, StationStretch, StopPlacement
 from tjscan.planning.template import SectionTemplate
 from tjscan.planning.wps import WeldingProcedure
+from tjscan.runs.weld.stations import SAME_PLACE
 from tjscan.welding.bead import BeadModel
-from tjscan.welding.replan import BeadOrder
+from tjscan.welding.replan import BeadOrder, GroovePart, NextBead, WeldPlanner
+from tjscan.welding.shrinkage import ShrinkageModel
+from tjscan.welding.target import area_lost_by_closing
 
 WEAVE_WIDTHS: Final = (3e-3, 4e-3)
 """Of the weave of beads below the last layer, and of the last layer, metres (assumption)."""
@@ -28,11 +31,7 @@ WEAVE_WIDTHS: Final = (3e-3, 4e-3)
 LEAST_AREA_WINDOW: Final = 1.3
 """Largest over least area of a bead that is always left: sections of a groove differ."""
 
-BORDER_STEP: Final = 20e-3
-"""Between the borders of two stations in one bead and the next, metres: ignition and crater of one
-lie beside whole metal of the other."""
-
-STRETCH_MARGIN: Final = 20e-3
+STRETCH_MARGIN: Final = 10e-3
 """At the ends of what a station looks at no border is placed, metres."""
 
 
@@ -54,6 +53,20 @@ class WeldPass:
     station: str
     begin: float
     end: float
+
+    def part_of(self, part: GroovePart, beyond: float) -> GroovePart:
+        """The stations of a part that the pass goes over, and those as far beyond, metres."""
+        on = (part.s > self.begin - beyond) & (part.s < self.end + beyond)
+        return GroovePart(part.rows[on], part.s[on])
+
+
+def plan_pass(planner: WeldPlanner, one: WeldPass, part: GroovePart) -> NextBead:
+    """Plan a pass at the stations that it goes over, of those at which its station looks.
+
+    Beyond its ends the layer is laid by others: what is missing there is not missing here.
+    """
+    planner.done = one.bead
+    return planner.next_bead(one.part_of(part, SAME_PLACE))
 
 
 def passes_of_weld(
@@ -101,12 +114,8 @@ def passes_of_weld(
                     f"{2e3 * STRETCH_MARGIN:.0f} mm: make scan.length_mm longer",
                     key="scan.length_mm",
                 )
-            for k in range(count):
-                by = BORDER_STEP * (k % 2 - 0.5)
-                begin, end = (
-                    at if stops.is_at_open_end(at) else at + by for at in (span.begin, span.end)
-                )
-                found.append(WeldPass(first + k, span.station, begin, end))
+            beads = range(first, first + count)
+            found += (WeldPass(bead, span.station, span.begin, span.end) for bead in beads)
         first += count
     return tuple(found)
 
@@ -137,15 +146,16 @@ def order_beads(
     ConfigurationError
         If nothing that the WPS allows fits.
     """
-    widest = float(model.widest_on_slope(tilt).min())
-    wps = with_narrower_beads(wps, model, widest)
+    widest = model.widest_on_slope(tilt)
+    metal = area_that_closing_leaves(corners, wps)
+    wps = with_narrower_beads(wps, model, float(widest.min()))
     plan = plan_weld(edges, wps, gravity)
     arrangement = max(plan.zones, key=lambda one: one.end - one.begin).arrangement
     counts, feeds = arrangement.counts, arrangement.feeds
-    area = arrangement.shares * SectionTemplate(corners, wps.bead.cap_height).area.mean()
+    area = metal[:, None] * arrangement.shares
     width = model.bead_width(wps.heat_input(feeds, wps.deposition_rate(feeds) / area))
     wanted = np.repeat(WEAVE_WIDTHS, (sum(counts[:-1]), counts[-1]))
-    spare = widest - width
+    spare = np.min(widest[:, None] - width, axis=0)
     weaves = np.clip(spare, 0.0, wanted)
     return BeadOrder(
         counts=tuple(counts),
@@ -154,6 +164,22 @@ def order_beads(
         cap_height=wps.bead.cap_height,
         too_wide=float(max(-spare.min(), 0.0)),
     )
+
+
+def area_that_closing_leaves(corners: Array, wps: WeldingProcedure) -> Array:
+    """Area that is filled at n stations as the groove closes meanwhile, shape (n,), m².
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n, 4, 2)
+        Metres.
+    wps : WeldingProcedure
+    """
+    cap, shrinkage = wps.bead.cap_height, ShrinkageModel()
+    area = SectionTemplate(corners, cap).area
+    depth = corners[:, 3, 1] - corners[:, :2, 1].min(axis=1)
+    by = shrinkage.transverse(area, np.full_like(area, wps.bead.fill_area[0]))
+    return area - area_lost_by_closing(depth, by, shrinkage.turn_per_metre, cap)
 
 
 def with_narrower_beads(wps: WeldingProcedure, model: BeadModel, widest: float) -> WeldingProcedure:

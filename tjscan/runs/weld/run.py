@@ -47,7 +47,7 @@ from tjscan.runs.stations.run import (
     stitch_station_runs,
 )
 from tjscan.runs.weld.arc import ArcWelder, SimulatedClock, WallClock, left_to_weld
-from tjscan.runs.weld.beads import WeldPass, order_beads, passes_of_weld
+from tjscan.runs.weld.beads import WeldPass, order_beads, passes_of_weld, plan_pass
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
     STATION_EVENT,
@@ -493,18 +493,14 @@ class Weld:
 
     def _part_of_pass(self) -> GroovePart:
         """The stations of the pass under way, and one more at either end."""
-        part, step = self.arms[self._pass.station].part, float(self.stations.s[1])
-        on = (part.s > self._pass.begin - step) & (part.s < self._pass.end + step)
-        return GroovePart(part.rows[on], part.s[on])
+        return self._pass.part_of(self.arms[self._pass.station].part, float(self.stations.s[1]))
 
     def _plan_pass(self) -> NextBead:
         """Plan the next pass, from what the station that welds it sees."""
-        name, part = self._pass.station, self._part_of_pass()
-        there, planner = self.arms[name].part, self._begun_planner
-        planner.done = self._pass.bead
-        on = np.isin(there.s, part.s)
-        self._bead = planner.next_bead(there).part(on)
-        self.weldable = self._readable[name][on]
+        one, there = self._pass, self.arms[self._pass.station].part
+        part = self._part_of_pass()
+        self._bead = plan_pass(self._begun_planner, one, there).at(part.s)
+        self.weldable = self._readable[one.station][np.isin(there.s, part.s)]
         return self._bead
 
     def _go_to_station(self, journal: Journal) -> None:
