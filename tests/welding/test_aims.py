@@ -21,7 +21,7 @@ def groove_open_at_the_brace() -> WeldState:
     wall, leg = p2 + np.array((-20e-3, 10e-3)), g + 2 * (g - p4)
     w = np.tile(np.interp(u, *np.array((wall, p2, p3, p4, leg)).T), (5, 1))
     toes = np.tile((p2[0], g[0]), (5, 1))
-    groove = WeldState.of_groove(2e-3 * np.arange(5), u, w, toes, np.full(5, -1.1))
+    groove = WeldState.of_groove(np.linspace(0.0, 8e-3, 5), u, w, toes, np.full(5, -1.1))
     target = WeldTarget.over(groove, 2e-3)
     laid = target.top - 1.6 * np.maximum(-3.5e-3 - groove.u, 0.0)
     return replace(groove, w=np.where(target.between, np.maximum(w, laid), w))

@@ -147,24 +147,24 @@ class CrawlPassPlanner:
         LookRefused, CrawlStopped
             As `PassPlanner.plan_pass`; or if nothing shows the bare joint.
         """
-        bead = self._bead
-        if self.planner is None:
+        bead, planner = self._bead, self.planner
+        if planner is None:
             self._bare = self._seen
-            look = self._see_bare_joint()
+            planner, look = self._see_bare_joint()
         else:
             if bead is not None and bead.number < laid:
                 if bead.number == 0:
                     self._behind = self._distance_behind()
-                    self._see_bare_joint()
+                    planner, _ = self._see_bare_joint()
                 ends = 0.0, self.job.weld.length
-                area = self.planner.area_of_arc(bead.s, ends, bead.feed, bead.speed)
-                self.planner.after_bead(bead, area)
+                area = planner.area_of_arc(bead.s, ends, bead.feed, bead.speed)
+                planner.after_bead(bead, area)
             self._take_edges(self._seen)
             look = self._look(self._seen)
             u = np.tile(look.u, (len(self.s), 1))
-            self.planner.take_look(u, look.w, look.sigma, look.read)
+            planner.take_look(u, look.w, look.sigma, look.read)
         self._seen = []
-        return self.planner, look
+        return planner, look
 
     def plan_pass(self, number: int) -> PlannedPass:
         """Plan a pass; see `PassPlanner.plan_pass`."""
@@ -208,7 +208,7 @@ class CrawlPassPlanner:
             if reading is not None:
                 self.see(cycle, reading)
 
-    def _see_bare_joint(self) -> SurfaceLook:
+    def _see_bare_joint(self) -> tuple[WeldPlanner, SurfaceLook]:
         """Begin to plan with what was seen before the first bead."""
         self.planner, self._closed = None, np.zeros(len(self.s))
         if not self._take_edges(self._bare):
@@ -221,7 +221,7 @@ class CrawlPassPlanner:
         tilt = np.full(len(self.s), self.job.weld.tilt)
         belief = WeldState.of_groove(self.s, look.u, np.transpose(w), self._toes_u, tilt)
         self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
-        return look
+        return self.planner, look
 
     def _distance_behind(self) -> float:
         """How far behind the place that tracks show the torch laid the first bead, metres.
