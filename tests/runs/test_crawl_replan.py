@@ -39,7 +39,7 @@ from tjscan.laser.section_laser import (
     simulate_section_profile,
 )
 from tjscan.planning.wps import read_wps
-from tjscan.runs.crawl.replan import CrawlPassPlanner
+from tjscan.runs.crawl.replan import MOST_BEHIND, CrawlPassPlanner
 from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import (
@@ -49,6 +49,7 @@ from tjscan.runs.crawl.run import (
     resume_crawl,
     run_crawl,
 )
+from tjscan.vehicle.simulated_body import VEHICLE_STATE_PERIOD
 from tjscan.vehicle.vehicle import AT_REST, VehicleState
 
 ROOT = Path(__file__).parents[2]
@@ -408,6 +409,26 @@ def test_the_first_bead_shows_how_far_behind_the_torch_is(job_file: Path, behind
     assert led.weld(2, behind).behind == pytest.approx(behind, abs=1.2e-3)
 
 
+def test_neither_spatter_nor_an_unread_profile_hides_where_the_first_bead_ends(
+    job_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Spatter beyond the end counts as it is long; a profile more is looked at than is needed."""
+    job = read_crawl_job(job_file, TEN_PASSES)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    show(planner, job, np.arange(-0.036, 0.040, 1e-3))
+    beyond = [at for at, _, _ in planner._seen if at > job.weld.length + MOST_BEHIND]
+    assert len(beyond) > 3
+    planner._bare = list(planner._seen)
+
+    def metal(seen: object, x: np.ndarray) -> np.ndarray:
+        bead = np.where(x < job.weld.length - 5e-3, 28e-6, 0.0)
+        bead[np.abs(x - job.weld.length - 9e-3) < 1.6e-3] = 20e-6  # spatter
+        return bead if seen is planner._seen else np.zeros(len(x))
+
+    monkeypatch.setattr(planner, "_metal_along", metal)
+    assert planner._distance_behind() == pytest.approx(5e-3, abs=1.2e-3)
+
+
 def test_a_bead_far_from_where_the_torch_should_be_ends_the_crawl(job_file: Path) -> None:
     led = LedWeld(read_crawl_job(job_file, TEN_PASSES), seed=1)
     led.look(0, Phase.BACKWARD_ALIGNMENT)
@@ -475,8 +496,12 @@ def test_a_joint_is_steered_along_as_when_it_was_bare_and_not_read_where_beads_e
         cycle.run(AT_REST)
         cycle.travel = -1.0
         cycle.run(AT_REST)
-    moved, at_end, bare = look.read
-    assert np.isnan(at_end)
-    look.read.remove(at_end)
+        cycle.travel = 0.015 - devices.laser_to_torch
+        cycle.phase = Phase.WELDING  # at rest, as while an arc is struck
+        for _ in range(round(1.5 * job.guards.blind_time / VEHICLE_STATE_PERIOD)):
+            cycle.run(AT_REST)
+    moved, at_end, bare, *at_rest = look.read
+    assert np.isnan([at_end, *at_rest]).all()
+    look.read[:] = [moved, bare]
     assert [d for d, _ in cycle.joint.seen] == look.read  # as a resumed crawl compares them
     assert moved - bare == pytest.approx(0.2e-3, abs=0.06e-3)

@@ -377,6 +377,27 @@ def test_a_stop_of_another_client_is_obeyed_and_ends_the_program_by_name(
         vehicles.wait_until_at_rest()
 
 
+def test_a_programs_own_stop_is_no_alarm_whichever_topic_comes_first() -> None:
+    """A broker keeps the order of each topic's messages, not of two topics'."""
+    vehicle = MqttVehicle(MqttSettings(host="127.0.0.1", prefix="tjscan/vehicle/1"))
+    vehicle._has_commanded, vehicle._number = True, 2
+    for number, topic in ((2, "command"), (1, "stop"), (1, "stop")):
+        assert not vehicle._alarm
+        now = time.monotonic()
+        stop = CommandMessage(
+            session=vehicle._session,
+            number=number,
+            time=now,
+            order="stop",
+            speed=0.0,
+            turn_rate=0.0,
+            sideways=0.0,
+            hold=0.0,
+        )
+        vehicle._receive(ReceivedMessage(topic, stop.to_json(), retained=False, time=now))
+    assert "ordered the vehicle to stop" in vehicle._alarm  # a copy is another's
+
+
 @pytest.mark.parametrize(
     ("hears_others", "why"), [(True, "in this program's name"), (False, "did not order")]
 )

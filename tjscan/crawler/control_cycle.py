@@ -393,7 +393,7 @@ class ControlCycle:
                 follow_bend=self._follow_bend if aligns and twist != AT_REST else None,
             )
             self._watch.inertial.add(state, misfits, period)
-        if self.phase is not Phase.MANUAL:
+        if self.phase is not Phase.MANUAL and not self.joint.at_bead_end:  # a few mm, or at rest
             self._guards.watch_joint(
                 None if reading is None else d,
                 state.odometry.speed,

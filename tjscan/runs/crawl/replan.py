@@ -50,6 +50,10 @@ MOST_BEHIND: Final = 15e-3
 """Metres by which the torch may be behind where tracks have it: 3 % of the half metre that the
 laser is ahead."""
 
+LOOKED_BEYOND: Final = MOST_BEHIND + 5e-3
+"""Metres beyond either end of the weld that are looked at: profiles farther on than a bead may end,
+of which some may not be read."""
+
 BEAD_END_REACH: Final = 3e-3
 """Metres to either side of where beads end within which nothing is read: how well that is known,
 and how long an end is."""
@@ -105,7 +109,7 @@ class CrawlPassPlanner:
         if cycle.arc:  # what was seen before lies below its bead
             self._seen.clear()
         at = cycle.travel + self.job.vehicle.laser_to_torch
-        near = -MOST_BEHIND <= at <= self.job.weld.length + MOST_BEHIND
+        near = -LOOKED_BEYOND <= at <= self.job.weld.length + LOOKED_BEYOND
         looks = cycle.phase in LOOKING_PHASES and near
         if cycle.profile is None or not looks or abs(at - self._last) < 0.9 * PROFILE_SPACING:
             return
@@ -233,7 +237,8 @@ class CrawlPassPlanner:
         x = np.arange(0.0, end + MOST_BEHIND, PROFILE_SPACING)
         grown = self._metal_along(self._seen, x) - self._metal_along(self._bare, x)
         welded = grown > np.nanmedian(grown[x < end]) / 2 if np.isfinite(grown[-1]) else x < end
-        behind = end - PROFILE_SPACING - float(x[welded].max(initial=0.0))
+        # Most places before the end are welded, and most beyond it are not, whatever spatters.
+        behind = end - PROFILE_SPACING - float(x[np.where(welded, 1, -1).cumsum().argmax()])
         if abs(behind) > MOST_BEHIND - 2 * PROFILE_SPACING:
             raise CrawlStopped(
                 "bead misplaced",

@@ -65,7 +65,8 @@ class MqttVehicle(BrokerClient):
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order_gate = wire.MessageGate()
         self._order: tuple[Twist, float] | None = None
-        self._ordered, self._echoed, self._has_commanded = OrderedMotion(), 0, False
+        self._ordered, self._has_commanded = OrderedMotion(), False
+        self._echoed = dict.fromkeys(ORDER_TOPICS, 0)
         self._alarm_told = False
         self._newest_pose: wire.PoseMessage | None = None
         self._read_until: float | None = None
@@ -232,7 +233,11 @@ class MqttVehicle(BrokerClient):
         self._states.put((message.state, self._newest_pose))
 
     def _receive_order(self, received: ReceivedMessage) -> None:
-        """See who else commands the vehicle: a broker sends back what this program sent, once."""
+        """See who else commands the vehicle: a broker sends back what this program sent, once.
+
+        It keeps the order of each topic's messages, not of two topics'.
+        """
+        last = self._echoed[received.topic]
         stops, obeyed, problem = received.topic == wire.STOP_TOPIC, False, ""
         try:
             message = wire.CommandMessage.from_json(received.payload)
@@ -241,8 +246,8 @@ class MqttVehicle(BrokerClient):
         else:
             if not stops:  # as the vehicle judges it
                 obeyed = not self._order_gate.reason_to_drop(message, received.time)
-            if message.session == self._session and self._echoed < message.number <= self._number:
-                self._echoed = message.number
+            if message.session == self._session and last < message.number <= self._number:
+                self._echoed[received.topic] = message.number
                 return
             stops |= message.order == "stop"
         if (stops or obeyed) and self._has_commanded:  # before, it is who goes
