@@ -202,9 +202,11 @@ def test_a_step_that_is_not_the_solvers_is_not_taken(
         spoilt.append(right)
         return np.asarray(solve(matrix, right) + 0.1)
 
-    sound = planner().plan(inputs)
+    limits = planner().limited_problem(begun.angles, inputs)
+    sound = optimise_within_limits(limits, begun.angles, most=1)
     monkeypatch.setattr(np.linalg, "solve", solve_wrongly)
-    assert planner().plan(inputs).angles == pytest.approx(sound.angles, abs=0.01)
+    found = optimise_within_limits(limits, begun.angles, most=1)
+    assert found.angles == pytest.approx(sound.angles, abs=1e-4)
     assert spoilt
 
 
@@ -363,9 +365,15 @@ def test_a_way_through_one_obstacle_is_not_free_because_the_cable_is_within_anot
         assert objection in found if objection else not found
 
 
-def test_vehicles_lead_away_from_what_came_quicker_than_they_drive(begun: TowingPlan) -> None:
-    """It is 60 mm nearer to vehicle 3 than it may be: all that a plan can do is to lead away."""
-    x, y, _ = begun.held_poses[2]
+@pytest.mark.parametrize("digit", range(8))
+def test_vehicles_lead_away_from_what_came_quicker_than_they_drive(
+    begun: TowingPlan, digit: int
+) -> None:
+    """It is 60 mm nearer to vehicle 3 than it may be: all that a plan can do is to lead away.
+
+    Where it stands differs by nanometres: no plan may hinge on last digits.
+    """
+    x, y = begun.held_poses[2, :2] + 1e-9 * digit
     disc = DiscObstacle(x + 0.3, y + 0.1, 0.1, name="trolley")
     before = np.hypot(0.3, 0.1)
     disc = replace(disc, radius=before - TEAM.body_radius - 0.02 + 0.06)

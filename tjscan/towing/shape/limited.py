@@ -63,8 +63,8 @@ LEAST_CLOSED_MISS: Final = 1e-8
 """Metres and radians of such a miss that are not worth a step."""
 
 LEAST_SLACK_GAIN: Final = 0.05
-"""Of the merit, that of 0.05 mm of slack, which a step must gain while limits can't be kept: less
-changes nothing that is said or done."""
+"""Of the merit, that of 0.05 mm of slack, which a step must promise while limits can't be kept:
+less changes nothing that is said or done."""
 
 LEAST_MULTIPLIER: Final = 1e-6
 """Of a row that holds the shape: the objective's change by its metres."""
@@ -350,7 +350,7 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
             continue
         now, after = after, now
         ends = -slope < 1e-7 * max(1.0, abs(now.f)) and np.abs(now.state.constraint).max() < 1e-7
-        if ends or (left > LARGEST_CLOSED_MISS and merit - now.merit(fix) < LEAST_SLACK_GAIN):
+        if ends or (left > LARGEST_CLOSED_MISS and -slope < LEAST_SLACK_GAIN):
             break
     rows = now.rows
     holds = (
