@@ -316,8 +316,8 @@ class WeldPlanner:
         area = gain * wps.deposition_rate(feed) / speed
         (aim_w,) = interpolate_rows(aim_u, state.u, state.w)
         aim = np.column_stack((aim_u, aim_w))
-        weave = np.full_like(wanted, self.order.weaves[self.done])
         heat_input = self._heat_input(feed, speed)
+        weave = self._held_weave(self.done, heat_input, state.tilt)
         tip = aim.copy()
         tip[:, 0] -= self._lead(state, aim_u, self.model.bead_width(heat_input, weave), area)
         return NextBead(
@@ -362,7 +362,7 @@ class WeldPlanner:
         state, area = planning_columns(state.part(rows)), layer_area[rows]
         target, last = WeldTarget.over(state, self.order.cap_height), share >= 1
         top = layer_top(state, target, share, area)
-        chord, widths = target.chord if last else None, self._widths(area, left)
+        chord, widths = target.chord if last else None, self._widths(area, left, state.tilt)
         search = AimSearch(self.model, state, top, chord, area, widths)
         known = self._aims.get(key)
         if known is None:
@@ -375,7 +375,7 @@ class WeldPlanner:
         aims = np.clip(aims, known - LARGEST_AIM_CHANGE, known + LARGEST_AIM_CHANGE)
         return search.keep_from_edges(known, aims, shares), shares
 
-    def _widths(self, area: Array, left: int) -> Array:
+    def _widths(self, area: Array, left: int, tilt: Array) -> Array:
         """Width of each remaining bead of the layer, shape (left, k), metres."""
         found = []
         for bead in range(self.done, self.done + left):
@@ -385,8 +385,13 @@ class WeldPlanner:
                 *self._speed_limits(feed, self._limits(bead)),
             )
             heat = self._heat_input(feed, speed)
-            found.append(self.model.bead_width(heat, self.order.weaves[bead]))
+            found.append(self.model.bead_width(heat, self._held_weave(bead, heat, tilt)))
         return np.array(found)
+
+    def _held_weave(self, bead: int, heat_input: Array, tilt: Array) -> Array:
+        """As wide as its order has it, and less where gravity would not hold the pool, metres."""
+        spare = self.model.widest_on_slope(tilt) - self.model.bead_width(heat_input)
+        return np.clip(spare, 0.0, self.order.weaves[bead])
 
     def _heat_input(self, feed: Array, speed: Array) -> Array:
         """Heat input at wire feeds and speeds, J/m: of the WPS's power, and as arcs showed it."""
