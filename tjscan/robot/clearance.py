@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -114,18 +115,23 @@ class ClearPathPlanner:
         self._check_clear_of_singularities(motion.q, T_b_f)
         self._check_clear_of_bodies(motion.q, T_b_f)
 
-    def keeps_clear(self, q: Array, spare: float = 0.0) -> bool:
-        """Whether bodies are no nearer to each other than their margins.
+    def clearance_check(self, spare: float = 0.0) -> Callable[[Array], bool]:
+        """Make a check whether bodies are no nearer to each other than their margins.
 
         Parameters
         ----------
-        q : ndarray, shape (n,)
-            Joint angles, radians.
         spare : float, optional
             Metres more to what is around the arm.
+
+        Returns
+        -------
+        callable
+            For joint angles, shape (n,), in radians. It knows nothing of a surface that is
+            measured later.
         """
         around = np.array([not pair.own for pair in self._model.pairs], dtype=bool)
-        return bool((self._model.distances(q) >= self._margins_of_pairs + spare * around).all())
+        nearer = self._model.make_nearness_check(self._margins_of_pairs + spare * around)
+        return lambda q: nearer(q) is None
 
     def line_is_clear(self, q: Array, goal: Array) -> bool:
         """Whether a line in joint space keeps clear, and ends in no singularity.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import coal
@@ -90,8 +91,6 @@ class CollisionModel:
     ----------
     pairs : tuple of BodyPair
         What `distances` returns, in its order.
-    reach : ndarray, shape (p, n)
-        The bodies of a pair come nearer by at most so many metres per radian of each joint.
 
     Raises
     ------
@@ -100,7 +99,6 @@ class CollisionModel:
     """
 
     pairs: tuple[BodyPair, ...]
-    reach: Array
 
     def __init__(
         self,
@@ -129,6 +127,12 @@ class CollisionModel:
         """
         pin.computeDistances(self._kinematics.model, self._data, self._geometry, self._results, q)
         return np.array([result.min_distance for result in self._results.distanceResults])
+
+    @cached_property
+    def reach(self) -> Array:
+        """Metres per radian of each joint by which each pair comes nearer at most, shape (p, n)."""
+        reach = [self._farthest_point_per_joint(*pair) for pair in self._apart]
+        return np.array(reach).reshape(len(reach), self._kinematics.model.nq)
 
     def make_nearness_check(self, least: Array) -> Callable[[Array], BodyPair | None]:
         """Make a check whether bodies are nearer than allowed; far quicker than `distances`.
@@ -189,7 +193,7 @@ class CollisionModel:
         bodies = [*self._arm, *around]
         for body in bodies:
             geometry.addGeometryObject(body.geometry)
-        pairs, reach = [], []
+        pairs, self._apart = [], list[tuple[_CollisionBody, _CollisionBody]]()
         for i, first in enumerate(self._arm):
             for k, second in enumerate(bodies[i + 1 :], start=i + 1):
                 own = k < len(self._arm)
@@ -200,9 +204,9 @@ class CollisionModel:
                 # What is carried comes last: it is the clearer name of the two.
                 moving, other = (second, first) if own else (first, second)
                 pairs.append(BodyPair(moving.name, other.name, own))
-                reach.append(self._farthest_point_per_joint(first, second))
+                self._apart.append((first, second))
         self.pairs = tuple(pairs)
-        self.reach = np.array(reach).reshape(len(pairs), self._kinematics.model.nq)
+        self.__dict__.pop("reach", None)
         self._results = pin.GeometryData(geometry)
 
     def _must_keep_apart(self, first: _CollisionBody, second: _CollisionBody) -> bool:

@@ -10,11 +10,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound, StartSeesNoGroove
-from tjscan.core.frames import inverse_pose, pose, rot_z
+from tjscan.core.frames import Array, inverse_pose, pose, rot_z
 from tjscan.job.files import read_scan_job
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.place.search import (
     ReachedArc,
+    clear_part_late_too,
     fewest_stations,
     longest_run,
     reached_arcs,
@@ -65,14 +66,35 @@ def test_three_thirds_need_all_three_and_two_halves_are_fewer() -> None:
     assert fewest_stations(thirds, AZIMUTHS, OVERLAP, most=2) == ()
 
 
+TURNS = 2 * np.pi * np.arange(36) / 36
+T_w_f = np.array(
+    [pose(p=(0.7, 0.1, 0.5)) @ pose(rot_z(a), (0.2 * np.cos(a), 0.2 * np.sin(a), 0)) for a in TURNS]
+)
+T_w_b = pose(rot_z(0.3), (0.05, 0.0, 0.1))
+
+
+def test_an_arc_is_cut_where_the_arm_is_hindered_before_it_is_corrected() -> None:
+    arm = Kinematics.load("ur10e")
+    late = np.roll(T_w_f, 2, axis=0)
+    late[:, :3, 3] += T_w_f[:, :3, 3] - late[:, :3, 3]
+
+    def hindered(q: Array) -> bool:
+        return bool(q[5] < limit)
+
+    for one in reached_arcs(arm, T_w_f, T_w_b):
+        if one.count < 12:
+            continue
+        limit = float(np.median(one.q[:, 5]))
+        part = clear_part_late_too(arm, late, one, hindered)
+        assert 0 < part.count < (one.q[:, 5] >= limit).sum()
+        for k, q in enumerate(part.q):
+            q_late = arm.inverse(inverse_pose(T_w_b) @ late[(part.first + k) % 36], near=q)
+            assert min(q[5], q_late[5]) >= limit
+        assert clear_part_late_too(arm, np.roll(T_w_f, 18, axis=0), one, hindered).count == 0
+
+
 def test_joint_angles_of_an_arc_put_the_flange_there_without_a_jump() -> None:
     arm = Kinematics.load("ur10e")
-    middle = pose(p=(0.7, 0.1, 0.5))
-    turns = 2 * np.pi * np.arange(36) / 36
-    T_w_f = np.array(
-        [middle @ pose(rot_z(a), (0.2 * np.cos(a), 0.2 * np.sin(a), 0)) for a in turns]
-    )
-    T_w_b = pose(rot_z(0.3), (0.05, 0.0, 0.1))
     arcs = reached_arcs(arm, T_w_f, T_w_b)
     assert max(one.count for one in arcs) > 12
     for one in arcs:

@@ -152,17 +152,33 @@ class _Search:
         self.T_w_j = pose(R_w_j, (0.0, 0.0, joint.leg_radius + ROOM_BELOW))
         self.T_s_f = inverse_pose(T_f_s)
         self.T_w_f = np.array([self.flange_at(azimuth) for azimuth in self.azimuths])
+        self.T_w_late = self._late_poses()
 
     def flange_at(self, azimuth: float) -> Array:
         """Ideal flange pose before the groove at an azimuth, in frame w."""
         T_j_s = ideal_sensor_pose(self.joint, azimuth, self.plan)
         return np.asarray(self.T_w_j @ T_j_s @ self.T_s_f)
 
+    @property
+    def step(self) -> float:
+        """Of a scan of this joint, metres: the template's, or shorter."""
+        return min(self.plan.step, LONGEST_STEP_SHARE * 2 * self.joint.brace_radius)
+
+    def _late_poses(self) -> Array:
+        """Where a scan predicts poses, in frame w: turned as half a step before on the groove."""
+        by = round(0.5 * self.step / self.joint.brace_radius / (2 * np.pi) * AZIMUTHS_TRIED)
+        origins = self.joint.leg_surface.points_j(self.azimuths, self.joint.brace_radius)
+        origins = transform_points(self.T_w_j, origins)
+        late = np.roll(self.T_w_f, by, axis=0)
+        late[:, :3, 3] += origins - np.roll(origins, by, axis=0)
+        return late
+
     def stations(self) -> tuple[ReachedArc, ...]:
         """The fewest stations; raises JointOutOfReach if there are none."""
         places = search.BaseSearch(
             self.kinematics,
             self.T_w_f,
+            self.T_w_late,
             self.T_w_j[:3, 3],
             pose(rot_y(self.tilt)),
             self._may_stand,
@@ -225,12 +241,13 @@ class _Search:
         return ClearPathPlanner(self.kinematics, model, table)
 
     def _hindrance(self, T_w_b: Array) -> Callable[[Array], bool]:
-        planner, singular = self.planner(T_w_b), SPARE_SINGULAR * self.job.clearance.singular
+        keeps_clear = self.planner(T_w_b).clearance_check(SPARE_ROOM)
+        singular = SPARE_SINGULAR * self.job.clearance.singular
 
         def hindered(q: Array) -> bool:
-            if self.kinematics.smallest_singular_value(q) < singular:
+            if not keeps_clear(q):
                 return True
-            return not planner.keeps_clear(q, SPARE_ROOM)
+            return self.kinematics.smallest_singular_value(q) < singular
 
         return hindered
 
@@ -250,8 +267,7 @@ def _job_table(
 ) -> dict[str, Any]:
     """The job as its file has it."""
     table = table_to_dict(searched.job)
-    plan, joint = searched.plan, searched.joint
-    step = min(plan.step, LONGEST_STEP_SHARE * 2 * joint.brace_radius)
+    plan, step = searched.plan, searched.step
     scan = {key: value for key, value in table["scan"].items() if key not in _REPLACED_SCAN_KEYS}
     scan |= {
         "direction": str(plan.direction),
