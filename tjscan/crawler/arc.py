@@ -13,12 +13,9 @@ from tjscan.crawler.journal import ArcReading
 from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.power.height import ArcHeight, ArcHeightSettings
 from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
-from tjscan.power.source import PowerSetting, PowerSource
+from tjscan.power.source import FEED_STEP, PowerSetting, PowerSource
 from tjscan.recording.journal import Journal, RunEvent
 from tjscan.vehicle.vehicle import AT_REST
-
-FEED_STEP: Final = 0.05 / 60
-"""By which the wire feed must change for the source to be set again, m/s."""
 
 ARC_EVENT: Final = "arc"
 """Name of the events of a power source's arc: its phases have names of phases of a crawl."""

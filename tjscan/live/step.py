@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Protocol, Self
 
@@ -129,14 +128,6 @@ class StateDiagram:
     transitions: tuple[tuple[str, str, str], ...]
     now: str
     alarm: str = ""
-
-    def ways_from(self, state: str) -> list[tuple[str, str]]:
-        """States that a state leads to, with all events that do so."""
-        labels: dict[str, list[str]] = {}
-        for start, end, label in self.transitions:
-            if start == state:
-                labels.setdefault(end, []).append(label)
-        return [(end, ", ".join(events)) for end, events in labels.items()]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,8 +257,3 @@ class Show(Protocol):
 
     def step_of_entry(self, entry: object) -> Step:
         """What an entry changes: nothing if it is of an unknown type."""
-
-
-ReplayReader = Callable[[Path], tuple[Show, Iterable[object]]]
-"""A function that each task brings: what shows its runs, and what was recorded of a run, by the
-run's directory. It raises ConfigurationError or RecordingError if a file is wrong or damaged."""

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
-from typing import Protocol
+from typing import Final, Protocol
 
 from tjscan.core.devices import Device, LocalDevice
 from tjscan.core.errors import PowerFault, PowerLinkLost
 from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber
+
+FEED_STEP: Final = 0.05 / 60
+"""By which the wire feed must change for a source to be set again, m/s."""
 
 
 @dataclass(frozen=True, slots=True)

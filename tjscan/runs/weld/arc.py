@@ -15,7 +15,7 @@ from tjscan.core.sourced import ABSENT_NUMBER, NumberSource, SourcedNumber, mean
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.power.height import ArcHeight, ArcHeightSettings
 from tjscan.power.sequence import ArcLimits, ArcPhase, ArcSequence
-from tjscan.power.source import PowerSample, PowerSetting, PowerSource
+from tjscan.power.source import FEED_STEP, PowerSample, PowerSetting, PowerSource
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.runs.weld.journal import (
     ARC_BEGUN_EVENT,
@@ -31,9 +31,6 @@ CYCLE_TIME: Final = 0.01
 
 STRETCH_LENGTH: Final = 10e-3
 """Metres of an arc that make a row of the log."""
-
-FEED_STEP: Final = 0.05 / 60
-"""By which the wire feed must change for the source to be set again, m/s."""
 
 WEAKEST_SOURCES: Final = (
     NumberSource.ABSENT,
