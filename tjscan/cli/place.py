@@ -47,12 +47,9 @@ def place(
 
     from tjscan.core.files import write_files_atomically
     from tjscan.job.examples import files_of_example
-    from tjscan.job.files import read_scan_job
     from tjscan.result.picture import write_png
     from tjscan.runs.place.job import place_joint
     from tjscan.runs.place.picture import draw_placed_joint
-    from tjscan.runs.scan.rehearsal import check_scan_job
-    from tjscan.runs.scan.run import ScanContext
     from tjscan.scanning.target import ScanDirection
 
     file = out or Path(f"{joint.stem}-{Path(arm).stem}.toml")
@@ -78,7 +75,6 @@ def place(
     with write_files_atomically(file.parent) as draft:
         (draft / file.name).write_text(tomli_w.dumps(placed.table), encoding="utf-8")
         write_png(draft / picture.name, draw_placed_joint(placed))
-        check_scan_job(ScanContext(read_scan_job(draft / file.name), file))
     step = 360 / len(placed.azimuths)
     print_table(
         [
@@ -92,6 +88,6 @@ def place(
         ]
     )
     print_message(
-        f"wrote {file} and {picture}: the way to the start poses is clear, and a groove is read "
-        f"there. Try it: tjscan scan {file}"
+        f"wrote {file} and {picture}: simulated scans from there read the groove all round. "
+        f"Try it: tjscan scan {file}"
     )

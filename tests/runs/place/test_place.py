@@ -10,18 +10,19 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound, StartSeesNoGroove
-from tjscan.core.frames import Array, inverse_pose, pose, rot_z
-from tjscan.job.files import read_scan_job
+from tjscan.core.frames import inverse_pose, pose, rot_z
+from tjscan.job.cell import Cell
+from tjscan.job.files import ScanJob, read_scan_job
+from tjscan.recording.journal import Journal
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.place.search import (
     ReachedArc,
-    clear_part_late_too,
     fewest_stations,
     longest_run,
     reached_arcs,
 )
-from tjscan.runs.scan.rehearsal import check_scan_job, is_simulated
-from tjscan.runs.scan.run import ScanContext
+from tjscan.runs.scan.rehearsal import is_simulated
+from tjscan.scanning.journal import RetryCounts, ScanResult, StopReason
 
 CAD = Path(__file__).parents[3] / "cad"
 AZIMUTHS, OVERLAP = 24, 3
@@ -66,35 +67,14 @@ def test_three_thirds_need_all_three_and_two_halves_are_fewer() -> None:
     assert fewest_stations(thirds, AZIMUTHS, OVERLAP, most=2) == ()
 
 
-TURNS = 2 * np.pi * np.arange(36) / 36
-T_w_f = np.array(
-    [pose(p=(0.7, 0.1, 0.5)) @ pose(rot_z(a), (0.2 * np.cos(a), 0.2 * np.sin(a), 0)) for a in TURNS]
-)
-T_w_b = pose(rot_z(0.3), (0.05, 0.0, 0.1))
-
-
-def test_an_arc_is_cut_where_the_arm_is_hindered_before_it_is_corrected() -> None:
-    arm = Kinematics.load("ur10e")
-    late = np.roll(T_w_f, 2, axis=0)
-    late[:, :3, 3] += T_w_f[:, :3, 3] - late[:, :3, 3]
-
-    def hindered(q: Array) -> bool:
-        return bool(q[5] < limit)
-
-    for one in reached_arcs(arm, T_w_f, T_w_b):
-        if one.count < 12:
-            continue
-        limit = float(np.median(one.q[:, 5]))
-        part = clear_part_late_too(arm, late, one, hindered)
-        assert 0 < part.count < (one.q[:, 5] >= limit).sum()
-        for k, q in enumerate(part.q):
-            q_late = arm.inverse(inverse_pose(T_w_b) @ late[(part.first + k) % 36], near=q)
-            assert min(q[5], q_late[5]) >= limit
-        assert clear_part_late_too(arm, np.roll(T_w_f, 18, axis=0), one, hindered).count == 0
-
-
 def test_joint_angles_of_an_arc_put_the_flange_there_without_a_jump() -> None:
     arm = Kinematics.load("ur10e")
+    middle = pose(p=(0.7, 0.1, 0.5))
+    turns = 2 * np.pi * np.arange(36) / 36
+    T_w_f = np.array(
+        [middle @ pose(rot_z(a), (0.2 * np.cos(a), 0.2 * np.sin(a), 0)) for a in turns]
+    )
+    T_w_b = pose(rot_z(0.3), (0.05, 0.0, 0.1))
     arcs = reached_arcs(arm, T_w_f, T_w_b)
     assert max(one.count for one in arcs) > 12
     for one in arcs:
@@ -115,7 +95,6 @@ def test_a_joint_of_ones_own_becomes_a_job_that_scans_it_all_round(tmp_path: Pat
     table = tomllib.loads(job.read_text(encoding="utf-8"))
     assert table["joint"]["file"] == "own.toml"
     whole = read_scan_job(job)
-    check_scan_job(ScanContext(whole, job))  # the way is clear, and a groove is read
     length = sum(one["length_mm"] + table["scan"]["step_mm"] for one in table["station"])
     assert length > np.pi * 323.9 * 1.1  # all round, and the overlaps
     assert tjscan("place", joint, "ur10e", "--out", job, pictures=True) == 2  # nothing overwritten
@@ -148,20 +127,28 @@ def real_cell(tmp_path: Path) -> Path:
     return job
 
 
-def test_a_cell_of_ones_own_is_placed_without_its_real_arm(
+def test_a_place_from_which_a_scan_ends_early_is_given_up_and_nothing_real_moves(
     tmp_path: Path, real_cell: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "elsewhere" / "job.toml"
-    joint = CAD / "tjoint-406x324.toml"
     words = ("--template", real_cell, "--tilt-deg", "45", "--out", out)
+    tried = list[ScanJob]()
 
-    def refuse(context: ScanContext) -> None:
-        assert is_simulated(context.job)
-        raise StartSeesNoGroove("first", GrooveNotFound("too few points", "nothing is there"))
+    def scan(cell: Cell, job: ScanJob, journal: Journal) -> ScanResult:
+        assert is_simulated(job)
+        tried.append(job)
+        if len(tried) == 1:
+            raise StartSeesNoGroove("first", GrooveNotFound("too few points", "nothing is there"))
+        stop = StopReason.UNREACHABLE if len(tried) == 2 else StopReason.LENGTH
+        return ScanResult((), (), stop, "", RetryCounts.of_events(()))
 
-    monkeypatch.setattr("tjscan.runs.scan.rehearsal.check_scan_job", refuse)
-    assert tjscan("place", joint, "ur10e", *words, pictures=True) == 4
-    assert not list(out.parent.iterdir())  # what was found unsound is not left behind
+    monkeypatch.setattr("tjscan.runs.place.job.scan_in_cell", scan)
+    joint = CAD / "tjoint-406x324.toml"
+    assert tjscan("place", joint, "ur10e", *words, pictures=True) == 0
+    placed = {station.position for station in read_scan_job(out).station}
+    stations = [job.station[0].position for job in tried]
+    assert placed == set(stations[2:])
+    assert not placed & set(stations[:2])
 
 
 def test_an_arm_that_is_too_small_is_told(

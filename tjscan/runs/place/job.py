@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from tjscan.core.config import table_to_dict
-from tjscan.core.errors import JointOutOfReach, PoseUnreachable
+from tjscan.core.config import table_to_dict, validate_table
+from tjscan.core.errors import ArmFault, JointOutOfReach, LaserFault, PoseUnreachable
 from tjscan.core.frames import Array, Mask, inverse_pose, pose, rot_y, transform_points
-from tjscan.job.cell import sensor_mount_of_job
+from tjscan.job.cell import SensorMount, joint_scene, make_cell, sensor_mount_of_job
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
+from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel
 from tjscan.robot.kinematics import Kinematics
@@ -30,6 +32,8 @@ from tjscan.runs.scan.ideal_views import (
     plan_with_centred_groove,
     pose_to_table,
 )
+from tjscan.runs.scan.run import scan_in_cell
+from tjscan.scanning.journal import plan_is_fulfilled
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.target import ScanDirection
 
@@ -44,6 +48,9 @@ LEAST_OVERLAP: Final = 30.0
 
 SPARE_DEGREES: Final = 9.0
 """That a station reaches beyond what it scans: the joint stands elsewhere than stated, a little."""
+
+DEGREES_APART: Final = 360.0 / AZIMUTHS_TRIED
+"""Of places round the groove at which an arm is tried."""
 
 MOST_STATIONS: Final = 6
 
@@ -94,6 +101,8 @@ def place_joint(
 ) -> PlacedJoint:
     """Find where an arm stands to scan a joint all round, and make the job.
 
+    Each station is scanned in simulation: a place from which that ends early is given up.
+
     Parameters
     ----------
     joint_file : Path
@@ -115,7 +124,7 @@ def place_joint(
         If a file is wrong, the arm has no closed form of its inverse, or the groove doesn't fit
         into the laser's window.
     JointOutOfReach
-        If no six stations reach the groove all round.
+        If no six stations scan the groove all round.
     """
     job, joint = read_scan_job(template, dict(overrides)), read_joint(joint_file)
     scan = replace(job.scan, direction=direction, length=None, sections=None)
@@ -125,11 +134,33 @@ def place_joint(
     plan = replace(scan, standoff=centred.standoff, offset=centred.offset)
     mount = sensor_mount_of_job(job, template)
     searched = _Search(job, joint, plan, mount.T_f_s, tilt)
-    stations = searched.stations()
-    table = _job_table(searched, stations, _path_from(folder, joint_file))
+    arcs, whole = searched.arcs(), list[ReachedArc]()
+    while True:
+        stations = searched.fewest_stations(arcs)
+        table = _job_table(searched, stations)
+        made = validate_table(ScanJob, table)
+        for arc, at_station in zip(stations, made.jobs_at_stations, strict=True):
+            if not any(arc is one for one in whole):
+                if not _scans_whole(at_station, joint, mount):
+                    arcs = [one for one in arcs if one is not arc]
+                    break
+                whole.append(arc)
+        else:
+            break
+    table["joint"]["file"] = _path_from(folder, joint_file)
     if mount.file is not None:
         table["calibration"] = table["calibration"] | {"file": _path_from(folder, mount.file)}
     return PlacedJoint(joint, searched.T_w_j, stations, searched.azimuths, table)
+
+
+def _scans_whole(job: ScanJob, joint: JointDefinition, mount: SensorMount) -> bool:
+    """Whether a simulated scan does all that its job asks."""
+    cell = make_cell(job, mount, partial(joint_scene, job, joint))
+    try:
+        result = scan_in_cell(cell, job, CombinedJournal())
+    except (ArmFault, LaserFault):
+        return False
+    return plan_is_fulfilled(result.stop, job.scan)
 
 
 def _path_from(folder: Path, file: Path) -> str:
@@ -152,47 +183,34 @@ class _Search:
         self.T_w_j = pose(R_w_j, (0.0, 0.0, joint.leg_radius + ROOM_BELOW))
         self.T_s_f = inverse_pose(T_f_s)
         self.T_w_f = np.array([self.flange_at(azimuth) for azimuth in self.azimuths])
-        self.T_w_late = self._late_poses()
 
     def flange_at(self, azimuth: float) -> Array:
         """Ideal flange pose before the groove at an azimuth, in frame w."""
         T_j_s = ideal_sensor_pose(self.joint, azimuth, self.plan)
         return np.asarray(self.T_w_j @ T_j_s @ self.T_s_f)
 
-    @property
-    def step(self) -> float:
-        """Of a scan of this joint, metres: the template's, or shorter."""
-        return min(self.plan.step, LONGEST_STEP_SHARE * 2 * self.joint.brace_radius)
-
-    def _late_poses(self) -> Array:
-        """Where a scan predicts poses, in frame w: turned as half a step before on the groove."""
-        by = round(0.5 * self.step / self.joint.brace_radius / (2 * np.pi) * AZIMUTHS_TRIED)
-        origins = self.joint.leg_surface.points_j(self.azimuths, self.joint.brace_radius)
-        origins = transform_points(self.T_w_j, origins)
-        late = np.roll(self.T_w_f, by, axis=0)
-        late[:, :3, 3] += origins - np.roll(origins, by, axis=0)
-        return late
-
-    def stations(self) -> tuple[ReachedArc, ...]:
-        """The fewest stations; raises JointOutOfReach if there are none."""
+    def arcs(self) -> list[ReachedArc]:
+        """Arcs of which stations are chosen."""
         places = search.BaseSearch(
             self.kinematics,
             self.T_w_f,
-            self.T_w_late,
             self.T_w_j[:3, 3],
             pose(rot_y(self.tilt)),
             self._may_stand,
             self._hindrance,
         )
-        degrees = 360.0 / AZIMUTHS_TRIED
-        spare = int(SPARE_DEGREES / degrees)
+        spare = int(SPARE_DEGREES / DEGREES_APART)
         clear = [arc.without_ends(spare) for arc in places.arcs() if arc.count > 2 * spare]
-        found = search.fewest_stations(
-            clear, AZIMUTHS_TRIED, int(LEAST_OVERLAP / degrees), MOST_STATIONS
-        )
+        self.longest_unhindered = places.longest_unhindered
+        return clear
+
+    def fewest_stations(self, arcs: Sequence[ReachedArc]) -> tuple[ReachedArc, ...]:
+        """The fewest stations of arcs; raises JointOutOfReach if they are not enough."""
+        overlap = int(LEAST_OVERLAP / DEGREES_APART)
+        found = search.fewest_stations(arcs, AZIMUTHS_TRIED, overlap, MOST_STATIONS)
         if not found:
-            best = max((arc.count for arc in clear), default=0) * degrees
-            within = places.longest_unhindered * degrees
+            best = max((arc.count for arc in arcs), default=0) * DEGREES_APART
+            within = self.longest_unhindered * DEGREES_APART
             raise JointOutOfReach(
                 f"no {MOST_STATIONS} places of a {self.job.arm.model} reach the groove all round. "
                 f"From the best one it scans {best:.0f}° of it; were nothing in its way, "
@@ -262,12 +280,11 @@ def _near_tubes(joint: JointDefinition, points_j: Array) -> Mask:
     return np.asarray((leg & beside) | (brace & high))
 
 
-def _job_table(
-    searched: _Search, stations: tuple[ReachedArc, ...], joint_file: str
-) -> dict[str, Any]:
-    """The job as its file has it."""
+def _job_table(searched: _Search, stations: tuple[ReachedArc, ...]) -> dict[str, Any]:
+    """The job as its file has it, but for the joint's file."""
     table = table_to_dict(searched.job)
-    plan, step = searched.plan, searched.step
+    plan, joint = searched.plan, searched.joint
+    step = min(plan.step, LONGEST_STEP_SHARE * 2 * joint.brace_radius)
     scan = {key: value for key, value in table["scan"].items() if key not in _REPLACED_SCAN_KEYS}
     scan |= {
         "direction": str(plan.direction),
@@ -288,7 +305,7 @@ def _job_table(
         ],
         "clearance": table["clearance"]
         | {"solid": [_solid_table(name, *placed) for name, placed in solids]},
-        "joint": {"file": joint_file, **pose_to_table(searched.T_w_j)},
+        "joint": {"file": "", **pose_to_table(searched.T_w_j)},
     }
     simulation = {"seed": 1, "arm": {}} | (table.get("simulation") or {})
     simulation["arm"] = simulation["arm"] | {"home_deg": made[0][1]}

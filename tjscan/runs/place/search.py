@@ -86,9 +86,8 @@ class BaseSearch:
     ----------
     kinematics : Kinematics
         Of an arm with a closed form of its inverse.
-    T_w_f, T_w_late : ndarray, shape (n, 4, 4)
-        Flange poses round the groove, the last one before the first; and those that a scan takes
-        first, before they are corrected: turned as a little before on the groove.
+    T_w_f : ndarray, shape (n, 4, 4)
+        Flange poses round the groove, the last one before the first.
     origin_w : ndarray, shape (3,)
         Middle of the groove, metres.
     mount : ndarray, shape (4, 4)
@@ -103,15 +102,13 @@ class BaseSearch:
         self,
         kinematics: Kinematics,
         T_w_f: Array,
-        T_w_late: Array,
         origin_w: Array,
         mount: Array,
         may_stand: Callable[[Array], bool],
         hindrance: Hindrance,
     ) -> None:
-        self._kinematics, self._T_w_f, self._T_w_late = kinematics, T_w_f, T_w_late
-        self._origin_w, self._mount = origin_w, mount
-        self._may_stand, self._hindrance = may_stand, hindrance
+        self._kinematics, self._T_w_f, self._origin_w = kinematics, T_w_f, origin_w
+        self._mount, self._may_stand, self._hindrance = mount, may_stand, hindrance
         self._least = round(FEWEST_DEGREES / 360 * len(T_w_f))
         links = kinematics.link_poses(np.zeros(len(kinematics.lower)))[:, :3, 3]
         # Upper arm and forearm; what is beyond them can be turned to and fro.
@@ -128,10 +125,7 @@ class BaseSearch:
         nearer = {tuple((np.array(seed) + way).tolist()) for seed in seeds for way in around}
         found += self._coarse(sorted(nearer))
         looked_at = [arc for arc, _ in self._best(found, LOOKED_AT_OF_SECTOR)]
-        return [
-            clear_part_late_too(self._kinematics, self._T_w_late, arc, self._hindrance(arc.T_w_b))
-            for arc in looked_at
-        ]
+        return [clear_part(arc, self._hindrance(arc.T_w_b)) for arc in looked_at]
 
     def _coarse(self, places: Iterable[Place]) -> list[tuple[ReachedArc, int]]:
         """The best arc of each base, and how many azimuths of it are clear about."""
@@ -164,37 +158,10 @@ class BaseSearch:
         return [one for sector in sectors.values() for one in sector[:each]]
 
 
-def clear_part(arc: ReachedArc, hindered: Callable[[Array], bool], stride: int) -> ReachedArc:
+def clear_part(arc: ReachedArc, hindered: Callable[[Array], bool], stride: int = 1) -> ReachedArc:
     """Longest part of an arc where nothing hinders the arm, looked at with a stride."""
     clear = np.array([not hindered(q) for q in arc.q[::stride]], dtype=bool)
     return _part(arc, *_longest_open_run(clear))
-
-
-def clear_part_late_too(
-    kinematics: Kinematics, T_w_late: Array, arc: ReachedArc, hindered: Callable[[Array], bool]
-) -> ReachedArc:
-    """Longest part of an arc where nothing hinders the arm, at late poses as little.
-
-    Parameters
-    ----------
-    kinematics : Kinematics
-    T_w_late : ndarray, shape (n, 4, 4)
-        Flange poses round the groove that are nearly those of the arc.
-    arc : ReachedArc
-    hindered : callable
-        Whether joint angles are.
-    """
-    on = np.arange(arc.first, arc.last + 1) % len(T_w_late)
-    branches = kinematics.inverse_branches(inverse_pose(arc.T_w_b) @ T_w_late[on])
-    turn = branches - arc.q[:, None]
-    turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
-    far = np.nan_to_num(np.abs(turn).max(axis=2), nan=np.inf)
-    late = arc.q + turn[np.arange(len(on)), far.argmin(axis=1)]
-    clear = [
-        near and not hindered(q) and not hindered(q_late)
-        for near, q, q_late in zip(far.min(axis=1) < JOINT_JUMP_ANGLE, arc.q, late, strict=True)
-    ]
-    return _part(arc, *_longest_open_run(np.array(clear, dtype=bool)))
 
 
 def reached_arcs(
