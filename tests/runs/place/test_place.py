@@ -94,7 +94,6 @@ def test_a_joint_of_ones_own_becomes_a_job_that_scans_it_all_round(tmp_path: Pat
     assert job.with_suffix(".png").stat().st_size > 10_000
     table = tomllib.loads(job.read_text(encoding="utf-8"))
     assert table["joint"]["file"] == "own.toml"
-    whole = read_scan_job(job)
     length = sum(one["length_mm"] + table["scan"]["step_mm"] for one in table["station"])
     assert length > np.pi * 323.9 * 1.1  # all round, and the overlaps
     assert tjscan("place", joint, "ur10e", "--out", job, pictures=True) == 2  # nothing overwritten
