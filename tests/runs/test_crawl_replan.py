@@ -44,6 +44,7 @@ from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import (
     CrawlContext,
+    _read_again,
     calibrate_slip,
     look_at_finished_weld,
     resume_crawl,
@@ -190,6 +191,18 @@ def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
     assert sag["value"]["value"] > 1  # three beads do not fill it
     with pytest.raises(ConfigurationError, match="not all are welded"):
         look_at_finished_weld(cut_short)
+
+
+def test_where_beads_end_a_replay_reads_as_little_as_the_crawl(cut_short: Path) -> None:
+    file = cut_short / "job.toml"
+    context, found = CrawlContext(read_crawl_job(file), file), read_recorded_crawl(cut_short)
+    planner = CrawlPassPlanner(context.job, read_wps(WPS))
+    planner._behind = 0.0
+    ahead, read = context.job.vehicle.laser_to_torch, set[bool]()
+    for cycle, placement in _read_again(found, context.make_reader(), planner):
+        if placement is not None:
+            read.add(planner.at_bead_end(cycle.travel + ahead))
+    assert read == {False}
 
 
 def test_no_arc_without_its_option_and_no_look_without_its_way(job_file: Path) -> None:

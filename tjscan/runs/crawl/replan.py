@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from math import ceil
 from typing import Final
@@ -199,7 +199,7 @@ class CrawlPassPlanner:
     def replay(
         self,
         numbers: Sequence[int],
-        readings: Sequence[tuple[CrawlCycle, JointPlacement | None]],
+        readings: Iterable[tuple[CrawlCycle, JointPlacement | None]],
     ) -> None:
         """Take in what an interrupted crawl saw, and plan again what it planned and began.
 

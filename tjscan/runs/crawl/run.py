@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -441,8 +442,10 @@ def resume_crawl(
         planner = context.make_planner()
     method, reader = context.make_method(slip), context.make_reader()
     context.jog.move(last.jog)
-    readings = list(_read_again(found, reader))
-    if planner is not None:
+    readings = _read_again(found, reader, planner)
+    if planner is None:
+        deque(readings, maxlen=0)
+    else:
         planner.replay(tuple(found.planned), readings)
         if cell.world is not None and start.arc_from > 0:
             cell.world.take_plan(passes[start.passes_done])
@@ -450,12 +453,18 @@ def resume_crawl(
 
 
 def _read_again(
-    found: RecordedCrawl, reader: JointReader
+    found: RecordedCrawl, reader: JointReader, planner: CrawlPassPlanner | None
 ) -> Iterator[tuple[CrawlCycle, JointPlacement | None]]:
-    """Recorded cycles, each with where a reader finds the joint if its profile shows it."""
+    """Recorded cycles, each with where a reader finds the joint if its profile shows it.
+
+    Where the planner that replays them then knows beads to end, nothing is read, as in the crawl.
+    """
     for cycle in found.cycles:
         placement = None
-        if cycle.profile is not None:
+        at_bead_end = planner is not None and planner.at_bead_end(
+            cycle.travel + planner.job.vehicle.laser_to_torch
+        )
+        if cycle.profile is not None and not at_bead_end:
             with suppress(GrooveNotFound):
                 placement = reader.read(cycle.profile, cycle.travel)
         yield cycle, placement
@@ -478,7 +487,8 @@ def look_at_finished_weld(directory: Path) -> tuple[WeldPlanner, SurfaceLook]:
     if planner is None or not whole:
         reason = "its passes were not planned from looks, or not all are welded: nothing to inspect"
         raise ConfigurationError(reason, file=directory)
-    planner.replay(tuple(found.planned), list(_read_again(found, context.make_reader())))
+    readings = _read_again(found, context.make_reader(), planner)
+    planner.replay(tuple(found.planned), readings)
     return planner.take_look(len(welded))
 
 
