@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import coal
@@ -242,7 +242,8 @@ def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]
         raise ConfigurationError(f"no link {name!r}; did you mean: {nearest_word(name, known)}?")
 
 
-def _link_bodies(kinematics: Kinematics) -> list[_CollisionBody]:
+@lru_cache(maxsize=8)
+def _link_bodies(kinematics: Kinematics) -> tuple[_CollisionBody, ...]:
     model, urdf = kinematics.model, kinematics.urdf
     try:
         kind = pin.GeometryType.COLLISION
@@ -258,7 +259,7 @@ def _link_bodies(kinematics: Kinematics) -> list[_CollisionBody]:
             continue
         name = str(model.frames[one.parentFrame].name)
         bodies.append(_CollisionBody(one, name, name))
-    return bodies
+    return tuple(bodies)
 
 
 def _capsule_of_cylinder(one: Any) -> Any:
