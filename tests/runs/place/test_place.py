@@ -1,6 +1,7 @@
 """Places of an arm's base about a joint: arcs that are reached, and a job that scans all of it."""
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from command import tjscan
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tjscan.core.errors import GrooveNotFound, StartSeesNoGroove
+from tjscan.core.errors import GrooveNotFound, StartSeesNoGroove, StitchingRefused
 from tjscan.core.frames import inverse_pose, pose, rot_z
 from tjscan.job.cell import Cell
 from tjscan.job.files import ScanJob, read_scan_job
@@ -23,6 +24,7 @@ from tjscan.runs.place.search import (
 )
 from tjscan.runs.scan.rehearsal import is_simulated
 from tjscan.scanning.journal import RetryCounts, ScanResult, StopReason
+from tjscan.stitching.stations import Station, StitchSettings
 
 CAD = Path(__file__).parents[3] / "cad"
 AZIMUTHS, OVERLAP = 24, 3
@@ -141,13 +143,18 @@ def test_a_place_from_which_a_scan_ends_early_is_given_up_and_nothing_real_moves
         stop = StopReason.UNREACHABLE if len(tried) == 2 else StopReason.LENGTH
         return ScanResult((), (), stop, "", RetryCounts.of_events(()))
 
+    def fit(stations: Sequence[Station], settings: StitchSettings) -> None:
+        if len(tried) == 3:
+            raise StitchingRefused("joint not found", "seen over too little of its circumference")
+
     monkeypatch.setattr("tjscan.runs.place.job.scan_in_cell", scan)
+    monkeypatch.setattr("tjscan.runs.place.job.fit_tubes_to_stations", fit)
     joint = CAD / "tjoint-406x324.toml"
     assert tjscan("place", joint, "ur10e", *words, pictures=True) == 0
     placed = {station.position for station in read_scan_job(out).station}
     stations = [job.station[0].position for job in tried]
-    assert placed == set(stations[2:])
-    assert not placed & set(stations[:2])
+    assert placed == set(stations[3:])
+    assert not placed & set(stations[:3])
 
 
 def test_an_arm_that_is_too_small_is_told(

@@ -13,7 +13,13 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.config import table_to_dict, validate_table
-from tjscan.core.errors import ArmFault, JointOutOfReach, LaserFault, PoseUnreachable
+from tjscan.core.errors import (
+    ArmFault,
+    JointOutOfReach,
+    LaserFault,
+    PoseUnreachable,
+    StitchingRefused,
+)
 from tjscan.core.frames import Array, Mask, inverse_pose, pose, rot_y, transform_points
 from tjscan.job.cell import SensorMount, joint_scene, make_cell, sensor_mount_of_job
 from tjscan.job.files import ScanJob, read_scan_job
@@ -32,10 +38,15 @@ from tjscan.runs.scan.ideal_views import (
     plan_with_centred_groove,
     pose_to_table,
 )
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import groove_reader_of_job, scan_in_cell
 from tjscan.scanning.journal import plan_is_fulfilled
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.target import ScanDirection
+from tjscan.stitching.stations import (
+    DEFAULT_STITCH_SETTINGS,
+    fit_tubes_to_stations,
+    station_from_recording,
+)
 
 ROOM_BELOW: Final = 0.55
 """Metres from the floor to the leg."""
@@ -101,7 +112,8 @@ def place_joint(
 ) -> PlacedJoint:
     """Find where an arm stands to scan a joint all round, and make the job.
 
-    Each station is scanned in simulation: a place from which that ends early is given up.
+    Each station is scanned in simulation: a place is given up from which that ends early, or does
+    not show where the joint is.
 
     Parameters
     ----------
@@ -154,11 +166,14 @@ def place_joint(
 
 
 def _scans_whole(job: ScanJob, joint: JointDefinition, mount: SensorMount) -> bool:
-    """Whether a simulated scan does all that its job asks."""
+    """Whether a simulated scan does all that its job asks, and shows where the joint is."""
     cell = make_cell(job, mount, partial(joint_scene, job, joint))
     try:
         result = scan_in_cell(cell, job, CombinedJournal())
-    except (ArmFault, LaserFault):
+        sections, read = result.sections, groove_reader_of_job(job)
+        station = station_from_recording("", job.station[0].T, sections, result.views, read)
+        fit_tubes_to_stations((station,), DEFAULT_STITCH_SETTINGS)
+    except (ArmFault, LaserFault, StitchingRefused):
         return False
     return plan_is_fulfilled(result.stop, job.scan)
 
