@@ -67,6 +67,7 @@ def test_three_thirds_need_all_three_and_two_halves_are_fewer() -> None:
     assert len(fewest_stations([*thirds, arc(2, 15), arc(14, 15)], AZIMUTHS, OVERLAP, 4)) == 2
     assert fewest_stations(thirds[:2], AZIMUTHS, OVERLAP, most=4) == ()
     assert fewest_stations(thirds, AZIMUTHS, OVERLAP, most=2) == ()
+    assert fewest_stations([arc(first, 13) for first in (0, 8, 16)], AZIMUTHS, OVERLAP, 2) == ()
 
 
 def test_joint_angles_of_an_arc_put_the_flange_there_without_a_jump() -> None:

@@ -63,7 +63,7 @@ SPARE_DEGREES: Final = 9.0
 DEGREES_APART: Final = 360.0 / AZIMUTHS_TRIED
 """Of places round the groove at which an arm is tried."""
 
-MOST_STATIONS: Final = 6
+MOST_STATIONS: Final = 7
 
 SPARE_ROOM, SPARE_SINGULAR = 0.01, 1.5
 """Metres more than a job's margin that the arm keeps from what is around it, and by what it keeps
@@ -136,7 +136,7 @@ def place_joint(
         If a file is wrong, the arm has no closed form of its inverse, or the groove doesn't fit
         into the laser's window.
     JointOutOfReach
-        If no six stations scan the groove all round.
+        If no seven stations scan the groove all round.
     """
     job, joint = read_scan_job(template, dict(overrides)), read_joint(joint_file)
     scan = replace(job.scan, direction=direction, length=None, sections=None)

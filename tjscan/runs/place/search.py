@@ -211,7 +211,7 @@ def fewest_stations(
     most : int
         Stations at most; none are given if they are not enough.
     """
-    best: tuple[int, int, tuple[ReachedArc, ...]] = (most + 1, 0, ())
+    best: tuple[int, float, tuple[ReachedArc, ...]] = (most + 1, -np.inf, ())
     for start in arcs:
         chosen, last = [start], start.last
         while last < start.first + azimuths + overlap - 1 and len(chosen) < best[0]:
