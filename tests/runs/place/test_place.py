@@ -11,11 +11,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound, StartSeesNoGroove, StitchingRefused
-from tjscan.core.frames import inverse_pose, pose, rot_z
+from tjscan.core.frames import inverse_pose, pose, rot_y, rot_z
 from tjscan.job.cell import Cell
 from tjscan.job.files import ScanJob, read_scan_job
+from tjscan.joint.file import read_joint
 from tjscan.recording.journal import Journal
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.settings import Cylinder
+from tjscan.runs.place.job import _Search
 from tjscan.runs.place.search import (
     ReachedArc,
     fewest_stations,
@@ -27,6 +30,7 @@ from tjscan.scanning.journal import RetryCounts, ScanResult, StopReason
 from tjscan.stitching.stations import Station, StitchSettings
 
 CAD = Path(__file__).parents[3] / "cad"
+EXAMPLE = CAD.parent / "examples" / "ur10e.toml"
 AZIMUTHS, OVERLAP = 24, 3
 
 
@@ -70,9 +74,10 @@ def test_three_thirds_need_all_three_and_two_halves_are_fewer() -> None:
     assert fewest_stations([arc(first, 13) for first in (0, 8, 16)], AZIMUTHS, OVERLAP, 2) == ()
 
 
-def test_joint_angles_of_an_arc_put_the_flange_there_without_a_jump() -> None:
-    arm = Kinematics.load("ur10e")
-    middle = pose(p=(0.7, 0.1, 0.5))
+@pytest.mark.parametrize("model", ["ur10e", "kr5_arc", "irb1600_10_145", "m10ia"])
+def test_joint_angles_of_an_arc_put_the_flange_there_without_a_jump(model: str) -> None:
+    arm = Kinematics.load(model)
+    middle = pose(rot_y(np.pi / 2), (0.7, 0.1, 0.5))
     turns = 2 * np.pi * np.arange(36) / 36
     T_w_f = np.array(
         [middle @ pose(rot_z(a), (0.2 * np.cos(a), 0.2 * np.sin(a), 0)) for a in turns]
@@ -86,6 +91,24 @@ def test_joint_angles_of_an_arc_put_the_flange_there_without_a_jump() -> None:
         for k, q in enumerate(one.q):
             wanted = inverse_pose(T_w_b) @ T_w_f[(one.first + k) % 36]
             np.testing.assert_allclose(arm.forward(q), wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("model", ["ur10e", "kr5_arc", "m10ia"])
+def test_an_arm_stands_on_its_mount_wherever_its_controllers_base_frame_is(model: str) -> None:
+    job, joint = (
+        read_scan_job(EXAMPLE, {"arm.model": model}),
+        read_joint(CAD / "tjoint-406x324.toml"),
+    )
+    searched = _Search(job, joint, job.scan, np.eye(4), tilt=0.0)
+    foot = 0.8
+    T_w_b = pose(p=(3.0, 0.0, foot)) @ searched.kinematics.T_root_b
+    frame, mount = searched.solids(T_w_b)["mount"]
+    assert frame == "b"
+    assert isinstance(mount.shape, Cylinder)
+    x, y, z = (T_w_b @ mount.T)[:3, 3]
+    assert (x, y) == pytest.approx((3.0, 0.0), abs=1e-12)
+    assert z + mount.shape.length / 2 == pytest.approx(foot, abs=0.04)
+    assert z - mount.shape.length / 2 == pytest.approx(0.0, abs=0.04)
 
 
 def test_a_joint_of_ones_own_becomes_a_job_that_scans_it_all_round(tmp_path: Path) -> None:
