@@ -12,6 +12,7 @@ either way.
 from __future__ import annotations
 
 from math import pi
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,12 @@ from tjscan.robot.closed_form import (
     WRIST_SINGULARITY_SINE,
     cosine_or_nan,
 )
+
+ON_AXIS_DISTANCE: Final = 1e-9
+"""Metres from axis 1 to the wrist below which any angle of joint 1 puts it there."""
+
+SHORTEST_LINK: Final = 0.01
+"""Metres; with shorter ones an arm's elbow bends nothing."""
 
 
 @array_dataclass
@@ -77,10 +84,10 @@ class SphericalWristArm:
         x, y, z = ((T[:, :3, :3] @ self.wrist_6 + T[:, :3, 3]) @ self.R_0_a).T
         # Turned back by q1, the wrist is where the plane of the links has it: aside.
         away = np.hypot(x, y)
-        bearing = np.where(away > WRIST_SINGULARITY_SINE, np.arctan2(y, x), near[0])
         reaches = away * (1 + COSINE_ROUNDING) >= abs(self.aside)
         ahead = np.sqrt(np.where(reaches, np.maximum(away**2 - self.aside**2, 0.0), np.nan))
         lean = np.arctan2(self.aside, ahead)
+        bearing = np.where(away > ON_AXIS_DISTANCE, np.arctan2(y, x), near[0] + lean)
         q1 = np.stack((bearing - lean, bearing + pi + lean), axis=1)
         # target = exp(i q2) (upper + exp(i elbow) fore): two links in a plane.
         target = z[:, None] + 1j * np.stack((ahead, -ahead), axis=1) - self.shoulder
@@ -103,8 +110,8 @@ class SphericalWristArm:
         c4, s4, left = np.cos(q4)[..., None], np.sin(q4)[..., None], left[..., None, :, :]
         row = c4 * left[..., 1, :] - s4 * left[..., 0, :]  # (sin q6, cos q6, 0)
         q6 = np.arctan2(row[..., 0], row[..., 1])
-        q = (q1[..., None, None], q2[..., None], self.elbow_sign * elbow[..., None], q4)
-        q = np.broadcast_arrays(*q, q5 - self.wrist_bend, q6)
+        first = (q1[..., None, None], q2[..., None], self.elbow_sign * elbow[..., None])
+        q = np.broadcast_arrays(*first, q4, q5 - self.wrist_bend, q6)
         return np.stack(q, axis=-1).reshape(len(T), 8, 6)
 
 
@@ -134,7 +141,7 @@ def find_spherical_wrist(axes: Array, placements: Array) -> SphericalWristArm | 
     x, y, height = (np.array((p[1], p[2], wrist)) @ R_0_a).T
     shoulder, elbow, end = (complex(real, imag) for real, imag in zip(height, x, strict=True))
     off = np.linalg.norm(across @ (wrist - p[3:])[..., None], axis=1).max()
-    if off > GEOMETRY_TOLERANCE or min(abs(elbow - shoulder), abs(end - elbow)) < 0.01:
+    if off > GEOMETRY_TOLERANCE or min(abs(elbow - shoulder), abs(end - elbow)) < SHORTEST_LINK:
         return None
     y_w = z[4] - z[4] @ z[3] * z[3]
     y_w /= np.linalg.norm(y_w)
