@@ -18,7 +18,16 @@ from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.robot.closed_form import UrDhLengths
 
-ARM_MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
+ARM_MODELS: Final = (
+    "ur5e",
+    "ur10e",
+    "ur16e",
+    "ur20",
+    "ur30",
+    "kr5_arc",
+    "irb1600_10_145",
+    "m10ia",
+)
 """Names of the arms whose URDF comes with tjscan."""
 
 UR_GEOMETRY_TOLERANCE: Final = 0.005
