@@ -383,6 +383,16 @@ def test_a_urdf_of_another_kind_is_refused(
         Kinematics.load(users_arm(tmp_path, **change))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("left", ["", '<limit lower="-3" upper="3" effort="0"/>'])
+def test_a_joint_without_limits_is_refused_by_its_name(tmp_path: Path, left: str) -> None:
+    file = users_arm(tmp_path)
+    limit = '<limit lower="-3" upper="3" velocity="3" effort="0"/>'
+    before, after = file.read_text(encoding="utf-8").rsplit(limit, 1)
+    file.write_text(before + left + after, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="joint j6 has no lower, upper, velocity"):
+        Kinematics.load(file)
+
+
 def test_a_urdf_without_flange_or_with_a_gripper_is_refused(tmp_path: Path) -> None:
     file = users_arm(tmp_path)
     text = file.read_text(encoding="utf-8")
