@@ -1,10 +1,12 @@
 """Write the URDFs of the arms in ``tjscan/robot/models``: ``python cad/arm_models.py``.
 
-The numbers are the maker's nominal ones (Universal Robots' public ROS 2 description); every
-real arm has calibrated deltas of its own, which only its controller knows. ``base_link`` is
+The numbers are the maker's nominal ones; every real arm has calibrated deltas of its own, which
+only its controller knows. Of Universal Robots arms (public ROS 2 description) ``base_link`` is
 the DH base frame, in which the controller shows its poses, and ``flange`` is DH frame 6, whose
-z axis is square to the flange and points out. The bodies are capsules: an assumption good
-enough to draw the arm and to keep it clear of things, not the maker's geometry.
+z axis is square to the flange and points out. Of arms with a spherical wrist, ``base`` and
+``tool0`` are the frames that their controllers show, and all joint frames are parallel where the
+joints are zero; their makers state no masses of links. The bodies are capsules: an assumption
+good enough to draw the arm and to keep it clear of things, not the maker's geometry.
 """
 
 from __future__ import annotations
@@ -133,6 +135,111 @@ class Capsule:
         return x, y, z
 
 
+AXES: Final = {"x": 0, "y": 1, "z": 2}
+WRIST_LINKS: Final = ("base_link", *(f"link_{i}" for i in range(1, 7)))
+
+
+@dataclass(frozen=True, slots=True)
+class WristArmModel:
+    """What the URDF of an arm with a spherical wrist is made from.
+
+    Parameters
+    ----------
+    source : str
+        Where the numbers are from.
+    base : float
+        Height of the controller's base frame above the foot, in metres.
+    origins : tuple of Vector
+        Each joint in the frame of the one before, and ``tool0`` in the last, in metres.
+    axes : tuple of str
+        Along which the joints turn, such as -z.
+    tool_rpy : Vector
+        Orientation of ``tool0`` in the last joint's frame, in radians.
+    limits : tuple of (float, float)
+        Joint limits in degrees.
+    speeds : tuple of float
+        Joint speed limits in degrees per second.
+    bodies : tuple of Capsule
+        For each link, base first, in the frame of the link; assumptions.
+    """
+
+    source: str
+    base: float
+    origins: tuple[Vector, ...]
+    axes: tuple[str, ...]
+    tool_rpy: Vector
+    limits: tuple[tuple[float, float], ...]
+    speeds: tuple[float, ...]
+    bodies: tuple[Capsule, ...]
+
+
+# fmt: off
+WRIST_ARMS: Final = {
+    "kr5_arc": WristArmModel(
+        "dimensions, limits and speeds of the KUKA KR 5 arc after its maker's specification, as "
+        "ros-industrial/kuka_experimental (kuka_kr5_support) has them; bodies sized after its "
+        "meshes",
+        0.0,
+        ((0, 0, 0.4), (0.18, 0, 0), (0.6, 0, 0), (0, 0, 0.12), (0.62, 0, 0), (0, 0, 0),
+         (0.115, 0, 0)),
+        ("-z", "y", "y", "-x", "y", "-x"), (0.0, pi / 2, 0.0),
+        ((-155, 155), (-180, 65), (-15, 158), (-350, 350), (-130, 130), (-350, 350)),
+        (154, 154, 228, 343, 384, 721),
+        (
+            Capsule((0, 0, 0.14), (0, 0, 0.15), 0.14),
+            Capsule((-0.05, 0, 0), (0.18, 0, 0), 0.13),
+            Capsule((0, -0.16, 0), (0.6, -0.16, 0), 0.1),
+            Capsule((-0.17, 0, 0.11), (0.27, 0, 0.11), 0.11),
+            Capsule((0.36, 0, 0), (0.58, 0, 0), 0.075),
+            Capsule((0, 0, 0), (0.05, 0, 0), 0.048),
+            Capsule((0.085, 0, 0), (0.09, 0, 0), 0.025),
+        ),
+    ),
+    "irb1600_10_145": WristArmModel(
+        "dimensions, limits and speeds of the ABB IRB 1600-10/1.45 after its maker's "
+        "3HAC023604-001, as ros-industrial/abb_experimental (abb_irb1600_support) has had them; "
+        "bodies sized after its meshes",
+        0.0,
+        ((0, 0, 0.4865), (0.15, 0, 0), (0, 0, 0.7), (0, 0, 0), (0.6, 0, 0), (0, 0, 0),
+         (0.065, 0, 0)),
+        ("z", "y", "y", "x", "y", "x"), (0.0, pi / 2, 0.0),
+        ((-180, 180), (-90, 120), (-245, 65), (-200, 200), (-115, 115), (-400, 400)),
+        (180, 180, 185, 385, 400, 460),
+        (
+            Capsule((0, 0, 0.14), (0, 0, 0.15), 0.14),
+            Capsule((0, 0, -0.05), (0.16, 0, -0.05), 0.17),
+            Capsule((0, -0.18, 0), (0, -0.18, 0.7), 0.08),
+            Capsule((-0.05, 0.02, 0), (0.2, 0.02, 0), 0.13),
+            Capsule((0.36, 0, 0), (0.57, 0, 0), 0.06),
+            Capsule((0, 0, 0), (0.01, 0, 0), 0.04),
+            Capsule((0.03, 0, 0), (0.04, 0, 0), 0.025),
+        ),
+    ),
+    "m10ia": WristArmModel(
+        "dimensions, limits and speeds of the FANUC M-10iA after its maker's B-82754EN/09, as "
+        "ros-industrial/fanuc (fanuc_m10ia_support) has them; bodies sized after its meshes. "
+        "joint_3 is counted from the upper arm: J3 of the controller, from the horizontal, and J2 "
+        "together",
+        0.45,
+        ((0, 0, 0.45), (0.15, 0, 0), (0, 0, 0.6), (0, 0, 0.2), (0.64, 0, 0), (0, 0, 0),
+         (0.1, 0, 0)),
+        ("z", "y", "-y", "-x", "-y", "-x"), (pi, -pi / 2, 0.0),
+        ((-180, 180), (-90, 160), (-180, 264), (-190, 190), (-190, 190), (-360, 360)),
+        (210, 190, 210, 400, 400, 600),
+        (
+            Capsule((0, 0, 0.13), (0, 0, 0.15), 0.13),
+            Capsule((0, 0, -0.03), (0.14, 0, -0.03), 0.13),
+            Capsule((0, -0.13, 0), (0, -0.13, 0.6), 0.09),
+            Capsule((0.06, 0, 0), (0.06, 0, 0.2), 0.1),
+            Capsule((0.2, -0.03, 0), (0.6, -0.03, 0), 0.075),
+            Capsule((0, 0, 0), (0.04, 0, 0), 0.05),
+            Capsule((0.06, 0, 0), (0.07, 0, 0), 0.03),
+        ),
+    ),
+}
+# fmt: on
+
+
 def link_capsules(arm: ArmModel) -> tuple[Capsule, ...]:
     """One capsule for each link, base first, in the frame of the link."""
     thick, thin = arm.arm_radius, arm.wrist_radius
@@ -150,9 +257,26 @@ def link_capsules(arm: ArmModel) -> tuple[Capsule, ...]:
 
 
 def urdf_text(name: str) -> str:
-    """Text of the URDF of a model in `ARMS`."""
-    arm = ARMS[name]
+    """Text of the URDF of a model in `ARMS` or `WRIST_ARMS`."""
     robot = ET.Element("robot", name=name)
+    source = ""
+    if name in ARMS:
+        _add_ur_arm(robot, ARMS[name])
+    else:
+        _add_wrist_arm(robot, WRIST_ARMS[name])
+        source = f" Source: {WRIST_ARMS[name].source}."
+    ET.indent(robot)
+    head = f"<!-- Nominal {name}, written by cad/arm_models.py: do not edit.{source} -->"
+    return f'<?xml version="1.0"?>\n{head}\n{ET.tostring(robot, encoding="unicode")}\n'
+
+
+def write_urdfs(folder: Path) -> None:
+    """Write the URDF of every model into `folder`."""
+    for name in (*ARMS, *WRIST_ARMS):
+        (folder / f"{name}.urdf").write_text(urdf_text(name), encoding="utf-8")
+
+
+def _add_ur_arm(robot: ET.Element, arm: ArmModel) -> None:
     masses = (BASE_MASS, *arm.masses)
     for link, mass, body in zip(LINKS, masses, link_capsules(arm), strict=True):
         _add_link(robot, link, mass, body)
@@ -162,37 +286,46 @@ def urdf_text(name: str) -> str:
     # stands at the rest of the DH transform: Tz(d) Tx(a) Rx(alpha).
     d = (arm.d1, 0.0, 0.0, arm.d4, arm.d5, arm.d6)
     a = (0.0, arm.a2, arm.a3, 0.0, 0.0, 0.0)
-    at: list[tuple[Vector, float]] = [((0.0, 0.0, 0.0), 0.0)]
-    at += [((a_i, 0.0, d_i), twist) for a_i, d_i, twist in zip(a, d, TWISTS, strict=True)]
+    at: list[tuple[Vector, Vector]] = [((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]
+    at += [
+        ((a_i, 0.0, d_i), (twist, 0.0, 0.0)) for a_i, d_i, twist in zip(a, d, TWISTS, strict=True)
+    ]
     for i, joint in enumerate(JOINTS):
-        element = _add_joint(robot, joint, "revolute", LINKS[i], LINKS[i + 1], *at[i])
-        ET.SubElement(element, "axis", xyz="0 0 1")
         turn = ELBOW_TURN if joint == "elbow_joint" else TURN
-        ET.SubElement(
-            element,
-            "limit",
-            lower=repr(-turn),
-            upper=repr(turn),
-            velocity=repr(radians(arm.speeds[i])),
-            effort="0",
+        limits = (-turn, turn, radians(arm.speeds[i]))
+        _add_revolute_joint(robot, joint, (LINKS[i], LINKS[i + 1]), *at[i], "0 0 1", limits)
+    _add_joint(robot, "flange_joint", "fixed", (LINKS[-1], "flange"), *at[-1])
+
+
+def _add_wrist_arm(robot: ET.Element, arm: WristArmModel) -> None:
+    for link, body in zip(WRIST_LINKS, arm.bodies, strict=True):
+        _add_link(robot, link, None, body)
+    for link in ("base", "tool0"):
+        ET.SubElement(robot, "link", name=link)
+    straight = (0.0, 0.0, 0.0)
+    for i, (axis, limits, speed) in enumerate(zip(arm.axes, arm.limits, arm.speeds, strict=True)):
+        along = ["0", "0", "0"]
+        along[AXES[axis[-1]]] = "-1" if axis.startswith("-") else "1"
+        _add_revolute_joint(
+            robot,
+            f"joint_{i + 1}",
+            (WRIST_LINKS[i], WRIST_LINKS[i + 1]),
+            arm.origins[i],
+            straight,
+            " ".join(along),
+            (radians(limits[0]), radians(limits[1]), radians(speed)),
         )
-    _add_joint(robot, "flange_joint", "fixed", LINKS[-1], "flange", *at[-1])
-
-    ET.indent(robot)
-    head = f"<!-- Nominal {name}, written by cad/arm_models.py: do not edit. -->"
-    return f'<?xml version="1.0"?>\n{head}\n{ET.tostring(robot, encoding="unicode")}\n'
+    _add_joint(robot, "base_joint", "fixed", ("base_link", "base"), (0, 0, arm.base), straight)
+    last = (WRIST_LINKS[-1], "tool0")
+    _add_joint(robot, "tool0_joint", "fixed", last, arm.origins[-1], arm.tool_rpy)
 
 
-def write_urdfs(folder: Path) -> None:
-    """Write the URDF of every model into `folder`."""
-    for name in ARMS:
-        (folder / f"{name}.urdf").write_text(urdf_text(name), encoding="utf-8")
-
-
-def _add_link(robot: ET.Element, name: str, mass: float, body: Capsule) -> None:
+def _add_link(robot: ET.Element, name: str, mass: float | None, body: Capsule) -> None:
     link = ET.SubElement(robot, "link", name=name)
     _add_solids(link, "visual", body)
     _add_solids(link, "collision", body)
+    if mass is None:
+        return
     # The mass is spread evenly over the cylinder: an assumption.
     along = mass * body.radius**2 / 2
     across = mass * (3 * body.radius**2 + body.length**2) / 12
@@ -220,13 +353,30 @@ def _add_solid(link: ET.Element, kind: str, xyz: Vector, rpy: Vector) -> ET.Elem
     return ET.SubElement(element, "geometry")
 
 
+def _add_revolute_joint(
+    robot: ET.Element,
+    name: str,
+    links: tuple[str, str],
+    xyz: Vector,
+    rpy: Vector,
+    axis: str,
+    limits: tuple[float, float, float],
+) -> None:
+    """A joint with its least and largest angle and its speed, in radians and rad/s."""
+    lower, upper, speed = (repr(one) for one in limits)
+    element = _add_joint(robot, name, "revolute", links, xyz, rpy)
+    ET.SubElement(element, "axis", xyz=axis)
+    ET.SubElement(element, "limit", lower=lower, upper=upper, velocity=speed, effort="0")
+
+
 def _add_joint(
-    robot: ET.Element, name: str, kind: str, parent: str, child: str, xyz: Vector, twist: float
+    robot: ET.Element, name: str, kind: str, links: tuple[str, str], xyz: Vector, rpy: Vector
 ) -> ET.Element:
+    parent, child = links
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
-    ET.SubElement(joint, "origin", xyz=_text(xyz), rpy=_text((twist, 0.0, 0.0)))
+    ET.SubElement(joint, "origin", xyz=_text(xyz), rpy=_text(rpy))
     return joint
 
 

@@ -6,6 +6,7 @@ import socket
 import struct
 from threading import Thread
 
+import arm_models
 import numpy as np
 import pytest
 from ur_cell import address, arm_at
@@ -18,7 +19,6 @@ from tjscan.robot.ur.kinematics_info import (
     find_kinematics_package,
     read_kinematics_info,
 )
-from tjscan.robot.urdf import ARM_MODELS
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.primary import (
     draw_calibration,
@@ -34,10 +34,14 @@ def nominal(model: str = "ur10e") -> DhParameters:
     return found
 
 
-@pytest.mark.parametrize("model", ARM_MODELS)
+@pytest.mark.parametrize("model", arm_models.ARMS)
 def test_the_maker_s_parameters_and_the_urdf_are_one_arm(model: str) -> None:
     _, largest = compare_flange_with_model(nominal(model), Kinematics.load(model))
     assert largest < 1e-12
+
+
+def test_an_arm_of_another_make_has_no_such_parameters() -> None:
+    assert nominal_dh_parameters("kr5_arc") is None
 
 
 def test_an_arm_placed_by_calibrated_parameters_follows_them() -> None:

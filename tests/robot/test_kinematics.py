@@ -41,8 +41,11 @@ ANGLES = SOLVED / REGULAR
 WELL = np.radians([10, -80, 100, -60, -80, 20])
 """An elbow-up configuration of any of the arms, far from singular."""
 
+UR_MODELS = tuple(DH)
+WRIST_ARMS = tuple(model for model in ARM_MODELS if model not in DH)
+
 angles = st.lists(st.floats(-1, 1), min_size=6, max_size=6).map(np.array)
-models = st.sampled_from(ARM_MODELS)
+models = st.sampled_from(UR_MODELS)
 
 
 @cache
@@ -144,7 +147,7 @@ def test_the_inverse_near_the_angles_returns_them(model: str, share: Array, offs
     np.testing.assert_allclose(solution, q, rtol=0, atol=ANGLES)
 
 
-@pytest.mark.parametrize("model", ARM_MODELS)
+@pytest.mark.parametrize("model", UR_MODELS)
 def test_branches_of_many_poses_are_the_inverse_and_keep_their_places_along_a_path(
     model: str,
 ) -> None:
@@ -162,7 +165,7 @@ def test_branches_of_many_poses_are_the_inverse_and_keep_their_places_along_a_pa
     assert len(set(same.argmax(axis=1).tolist())) == 1
 
 
-@pytest.mark.parametrize("model", ARM_MODELS)
+@pytest.mark.parametrize("model", UR_MODELS)
 def test_a_general_arm_is_solved_without_the_closed_form(model: str, tmp_path: Path) -> None:
     # The same arm with its joints' axes turned round is none that the closed form knows.
     file = tmp_path / "arm.urdf"
@@ -232,7 +235,7 @@ def test_links_are_drawn_from_the_base_to_the_flange() -> None:
     assert np.linalg.norm(elbow - shoulder) == pytest.approx(0.6127, abs=ROUNDING)
 
 
-@pytest.mark.parametrize("model", ARM_MODELS)
+@pytest.mark.parametrize("model", UR_MODELS)
 def test_a_pose_beyond_the_reach_is_refused_with_what_is_missing(model: str) -> None:
     kinematics = arm(model)
     T_b_f = kinematics.forward(np.radians([0, -45, 0, -45, -90, 0]))
@@ -378,6 +381,16 @@ def test_a_urdf_of_another_kind_is_refused(
 ) -> None:
     with pytest.raises(ConfigurationError, match=complaint):
         Kinematics.load(users_arm(tmp_path, **change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("left", ["", '<limit lower="-3" upper="3" effort="0"/>'])
+def test_a_joint_without_limits_is_refused_by_its_name(tmp_path: Path, left: str) -> None:
+    file = users_arm(tmp_path)
+    limit = '<limit lower="-3" upper="3" velocity="3" effort="0"/>'
+    before, after = file.read_text(encoding="utf-8").rsplit(limit, 1)
+    file.write_text(before + left + after, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="joint j6 has no lower, upper, velocity"):
+        Kinematics.load(file)
 
 
 def test_a_urdf_without_flange_or_with_a_gripper_is_refused(tmp_path: Path) -> None:

@@ -31,7 +31,8 @@ def place(
     joint
         The joint's file.
     arm
-        Model of the arm: ur5e, ur10e, ur16e, ur20, ur30, or the path of a URDF.
+        Model of the arm: ur5e, ur10e, ur16e, ur20, ur30, kr5_arc, irb1600_10_145, m10ia, or the
+        path of a URDF.
     template
         A scan job whose laser, its mount, tool and margins are taken; the example ur10e if left
         out. Each of its keys is an option, too.

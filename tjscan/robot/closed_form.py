@@ -3,14 +3,14 @@
 Joints 2, 3 and 4 of such an arm are parallel, joint 2 is square to joint 1, joint 5 to joint 4
 and joint 6 to joint 5, each pair meeting: at most eight configurations (shoulder left or right,
 wrist flipped or not, elbow up or down) hold one pose. The derivation is beside the lines;
-z_i is the axis of DH frame i.
+z_i is the axis of DH frame i. For arms with a spherical wrist see `spherical_wrist`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -21,6 +21,45 @@ COSINE_ROUNDING: Final = 1e-7
 
 WRIST_SINGULARITY_SINE: Final = 1e-9
 """Below this |sin(q5)| the axes 4 and 6 are parallel, and only their sum is given."""
+
+GEOMETRY_TOLERANCE: Final = 0.005
+"""Metres and radians by which a calibrated arm may differ from the ideal geometry."""
+
+
+class ClosedFormInverse(Protocol):
+    """Inverse kinematics of an arm of six joints in closed form.
+
+    ``T_0_6`` is the pose of the last link, in the frame of its joint, in the first joint's at zero.
+    """
+
+    def inverse_branches(self, T_0_6: Array) -> Array:
+        """The eight branches of the inverse at many poses, each continuous along a path.
+
+        Parameters
+        ----------
+        T_0_6 : ndarray, shape (m, 4, 4)
+
+        Returns
+        -------
+        ndarray, shape (m, 8, 6)
+            Radians, whatever the joint limits: shoulder, elbow and wrist either way. Not a number
+            if a branch does not reach the pose. A joint that the pose leaves free is anywhere.
+        """
+
+    def all_inverse_solutions(self, T_0_6: Array, near: Array) -> Array:
+        """All joint configurations that hold a pose, whatever the joint limits.
+
+        Parameters
+        ----------
+        T_0_6 : ndarray, shape (4, 4)
+        near : ndarray, shape (6,)
+            Joint angles in radians; a joint that the pose leaves free stays there.
+
+        Returns
+        -------
+        ndarray, shape (k, 6)
+            Radians; k is 0 out of reach.
+        """
 
 
 @array_dataclass
@@ -57,72 +96,42 @@ class UrDhLengths:
     d5: float
     d6: float
 
+    def all_inverse_solutions(self, T_0_6: Array, near: Array) -> Array:
+        """See `ClosedFormInverse`; k is 0 to 8, or up to 12 where joint 6 is free."""
+        T = T_0_6[None]
+        q1 = _shoulder_angles(self, T)
+        q5, q6 = _wrist_angles(T, q1)
+        free = np.sin(q5[0, :, 0]) <= WRIST_SINGULARITY_SINE
+        found = []
+        for i in range(2):
+            if not free[i]:
+                found.append(_joint_angles(self, T, q1[:, i, None], q5[:, i], q6[:, i]))
+                continue
+            # Joint 6 only turns the hand's elbow round p5. Beside the angle asked for, take the
+            # two that bring it nearest to the shoulder and furthest from it: if any is in reach,
+            # one is. The hand's elbow is at p5 - d5 z4, and z4 in frame 6 is
+            # (-sin q6, -cos q6, 0).
+            p5 = T_0_6[:3, 3] - self.d6 * T_0_6[:3, 2]
+            from_shoulder = T_0_6[:3, :3].T @ (p5 - [0, 0, self.d1])
+            inward = np.arctan2(-from_shoulder[0], -from_shoulder[1])
+            turns = np.array([[near[5], inward, inward + pi]])
+            found.append(_joint_angles(self, T, q1[:, i, None], q5[:, i, :1] + 0 * turns, turns))
+        q = np.concatenate([one.reshape(-1, 6) for one in found])
+        return np.asarray(q[np.isfinite(q).all(axis=1)])
 
-def all_inverse_solutions(geometry: UrDhLengths, T_0_6: Array, free_wrist: float) -> Array:
-    """All joint configurations that hold a flange pose, whatever the joint limits.
-
-    Parameters
-    ----------
-    geometry : UrDhLengths
-        The arm.
-    T_0_6 : ndarray, shape (4, 4)
-        Pose of DH frame 6 in DH frame 0.
-    free_wrist : float
-        Angle of joint 6 in radians if the pose leaves it free.
-
-    Returns
-    -------
-    ndarray, shape (k, 6)
-        Radians; k is 0 (out of reach) to 8, or up to 12 where joint 6 is free.
-    """
-    T = T_0_6[None]
-    q1 = _shoulder_angles(geometry, T)
-    q5, q6 = _wrist_angles(T, q1)
-    free = np.sin(q5[0, :, 0]) <= WRIST_SINGULARITY_SINE
-    found = []
-    for i in range(2):
-        if not free[i]:
-            found.append(_joint_angles(geometry, T, q1[:, i, None], q5[:, i], q6[:, i]))
-            continue
-        # Joint 6 only turns the hand's elbow round p5. Beside the angle asked for, take the two
-        # that bring it nearest to the shoulder and furthest from it: if any is in reach, one is.
-        # The hand's elbow is at p5 - d5 z4, and z4 in frame 6 is (-sin q6, -cos q6, 0).
-        p5 = T_0_6[:3, 3] - geometry.d6 * T_0_6[:3, 2]
-        from_shoulder = T_0_6[:3, :3].T @ (p5 - [0, 0, geometry.d1])
-        inward = np.arctan2(-from_shoulder[0], -from_shoulder[1])
-        turns = np.array([[free_wrist, inward, inward + pi]])
-        found.append(_joint_angles(geometry, T, q1[:, i, None], q5[:, i, :1] + 0 * turns, turns))
-    q = np.concatenate([one.reshape(-1, 6) for one in found])
-    return np.asarray(q[np.isfinite(q).all(axis=1)])
-
-
-def inverse_branches(geometry: UrDhLengths, T_0_6: Array) -> Array:
-    """The eight branches of the inverse at many poses, each continuous along a path.
-
-    Parameters
-    ----------
-    geometry : UrDhLengths
-        The arm.
-    T_0_6 : ndarray, shape (m, 4, 4)
-        Poses of DH frame 6 in DH frame 0.
-
-    Returns
-    -------
-    ndarray, shape (m, 8, 6)
-        Radians, whatever the joint limits: shoulder, wrist and elbow either way. Not a number
-        if a branch does not reach the pose. If joint 6 is free, its angle is any.
-    """
-    q1 = _shoulder_angles(geometry, T_0_6)
-    q5, q6 = _wrist_angles(T_0_6, q1)
-    q = _joint_angles(geometry, T_0_6, np.broadcast_to(q1[..., None], q5.shape), q5, q6)
-    return q.reshape(len(T_0_6), 8, 6)
+    def inverse_branches(self, T_0_6: Array) -> Array:
+        """See `ClosedFormInverse`."""
+        q1 = _shoulder_angles(self, T_0_6)
+        q5, q6 = _wrist_angles(T_0_6, q1)
+        q = _joint_angles(self, T_0_6, np.broadcast_to(q1[..., None], q5.shape), q5, q6)
+        return q.reshape(len(T_0_6), 8, 6)
 
 
 def _shoulder_angles(g: UrDhLengths, T: Array) -> Array:
     """Joint 1 both ways, shape (m, 2)."""
     p5 = T[:, :3, 3] - g.d6 * T[:, :3, 2]
     # z1 = (sin q1, -cos q1, 0), and the wrist is d4 along it: p5 . z1 = d4.
-    lean = np.arcsin(_cosine_or_nan(g.d4, np.hypot(p5[:, 0], p5[:, 1])))
+    lean = np.arcsin(cosine_or_nan(g.d4, np.hypot(p5[:, 0], p5[:, 1])))
     bearing = np.arctan2(p5[:, 1], p5[:, 0])
     return np.stack((bearing + lean, bearing + pi - lean), axis=1)
 
@@ -156,14 +165,14 @@ def _joint_angles(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> 
     c5, s5 = np.cos(q5)[..., None], np.sin(q5)[..., None]
     x4 = c5 * x6 - s5 * R[..., 2]
     q234 = np.arctan2(x4[..., 2], c1 * x4[..., 0] + s1 * x4[..., 1])
-    cosine = _cosine_or_nan(x**2 + y**2 - g.a2**2 - g.a3**2, 2 * g.a2 * g.a3)
+    cosine = cosine_or_nan(x**2 + y**2 - g.a2**2 - g.a3**2, 2 * g.a2 * g.a3)
     bend = np.arccos(cosine)[..., None] * np.array((1.0, -1.0))
     q2 = np.arctan2(y, x)[..., None] - np.arctan2(g.a3 * np.sin(bend), g.a2 + g.a3 * np.cos(bend))
     q1, q5, q6 = (np.broadcast_to(q[..., None], q2.shape) for q in (q1, q5, q6))
     return np.stack((q1, q2, bend, q234[..., None] - q2 - bend, q5, q6), axis=-1)
 
 
-def _cosine_or_nan(part: Array | float, whole: Array | float) -> Array:
+def cosine_or_nan(part: Array | float, whole: Array | float) -> Array:
     """``part / whole`` if that is a sine or cosine, not a number if no angle has it."""
     part, whole = np.asarray(part), np.asarray(whole)
     can = (np.abs(part) <= np.abs(whole) * (1 + COSINE_ROUNDING)) & (whole != 0)

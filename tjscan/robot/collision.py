@@ -30,8 +30,9 @@ IGNORED_COLLISION_PAIRS: Final = (
     ("forearm_link", "wrist_3_link"),
     ("wrist_1_link", "wrist_3_link"),
     ("wrist_1_link", NAME_OF_ALL_TOOL_SOLIDS),
+    ("link_4", "link_6"),
 )
-"""Pairs of a Universal Robots arm whose capsules overlap though the arm's own bodies, which are
+"""Pairs of an arm of `robot/models` whose capsules overlap though the arm's own bodies, which are
 slimmer there, pass each other; an assumption about what is carried, too."""
 
 

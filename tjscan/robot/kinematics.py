@@ -19,7 +19,8 @@ import pinocchio as pin
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
 from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
-from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
+from tjscan.robot.closed_form import ClosedFormInverse
+from tjscan.robot.spherical_wrist import find_spherical_wrist
 from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
 
 IK_CONVERGENCE_TOLERANCE: Final = 1e-13
@@ -124,7 +125,7 @@ class Kinematics:
         self.upper = readonly_copy(model.upperPositionLimit)
         self.velocity = readonly_copy(model.velocityLimit)
         self._T_b_root = inverse_pose(model.frames[base].placement.homogeneous)
-        self._geometry = ur_dh_lengths(model)
+        self._closed_form = self._find_closed_form()
 
     @property
     def T_root_b(self) -> Array:
@@ -173,7 +174,7 @@ class Kinematics:
         for i, T in enumerate(placements, start=1):
             model.jointPlacements[i] = pin.SE3(np.asarray(T, dtype=float))
         other._workspace = _ThreadWorkspace(model)
-        other._geometry = ur_dh_lengths(model)
+        other._closed_form = other._find_closed_form()
         return other
 
     def placement_jacobian(self, q: Array) -> Array:
@@ -230,8 +231,8 @@ class Kinematics:
 
         A pose close to the one of `near` keeps its configuration. Otherwise the nearest of all
         configurations found, each joint in its nearest turn within limits, is taken: of all
-        there are for a Universal Robots type of arm, else of those found from many seeds
-        about `near` (always the same ones).
+        there are if there is a closed form, else of those found from many seeds about `near`
+        (always the same ones).
 
         Parameters
         ----------
@@ -301,19 +302,27 @@ class Kinematics:
         Raises
         ------
         ConfigurationError
-            If the arm is not of the Universal Robots type.
+            If there is none: the arm has neither parallel axes 2, 3 and 4 nor a spherical wrist.
         """
-        if self._geometry is None:
+        if self._closed_form is None:
             raise ConfigurationError(
                 f"the reach of a {self.name} can't be searched: there is no closed form of its "
-                "inverse kinematics, as Universal Robots arms have one",
+                "inverse kinematics. That takes six joints whose axes 2, 3 and 4 are parallel, as "
+                "of Universal Robots arms, or 2 and 3 parallel and 4, 5 and 6 through one point",
                 key="arm.model",
             )
         T_0_root = inverse_pose(self.model.jointPlacements[1].homogeneous)
         T_f_6 = inverse_pose(self.model.frames[self.flange].placement.homogeneous)
         T_0_6 = T_0_root @ inverse_pose(self._T_b_root) @ T_b_f @ T_f_6
-        q = inverse_branches(self._geometry, T_0_6)
+        q = self._closed_form.inverse_branches(T_0_6)
+        q[~np.isfinite(q).all(axis=2)] = np.nan
         return np.asarray(q - 2 * np.pi * np.round(q / (2 * np.pi)))
+
+    def _find_closed_form(self) -> ClosedFormInverse | None:
+        if self.model.nq != 6:
+            return None
+        lengths = ur_dh_lengths(self.model)
+        return lengths or find_spherical_wrist(self.joint_axes, self.joint_placements)
 
     def _target_in_root(self, T_b_f: Array) -> Any:
         """Pose of f in the root of the URDF, its rotation freed from rounding."""
@@ -351,12 +360,12 @@ class Kinematics:
 
     def _ik_seeds(self, target: Any, near: Array) -> Iterable[Array]:
         """Where to begin a search for other configurations."""
-        if self._geometry is not None:
+        if self._closed_form is not None:
             # Frame 6 is the last link's frame here; the flange is anywhere on it.
             T_root_0 = self.model.jointPlacements[1]
             T_6_f = self.model.frames[self.flange].placement
             T_0_6 = T_root_0.actInv(target) * T_6_f.inverse()
-            return all_inverse_solutions(self._geometry, T_0_6.homogeneous, float(near[5]))
+            return self._closed_form.all_inverse_solutions(T_0_6.homogeneous, near)
         random = np.random.default_rng(0)
         spread = np.linspace(0.2, np.pi, RANDOM_IK_SEED_COUNT)[:, None]
         seeds = near + spread * random.standard_normal((RANDOM_IK_SEED_COUNT, near.size))

@@ -58,7 +58,7 @@ class ToolConfigurations:
     Raises
     ------
     ConfigurationError
-        If the arm is not of the Universal Robots type.
+        If the arm has no closed form of its inverse kinematics.
 
     Attributes
     ----------

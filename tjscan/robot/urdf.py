@@ -10,19 +10,29 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, Final
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
-from tjscan.robot.closed_form import UrDhLengths
+from tjscan.robot.closed_form import GEOMETRY_TOLERANCE, UrDhLengths
 
-ARM_MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
+ARM_MODELS: Final = (
+    "ur5e",
+    "ur10e",
+    "ur16e",
+    "ur20",
+    "ur30",
+    "kr5_arc",
+    "irb1600_10_145",
+    "m10ia",
+)
 """Names of the arms whose URDF comes with tjscan."""
 
-UR_GEOMETRY_TOLERANCE: Final = 0.005
-"""Metres and radians by which a calibrated arm may differ from the ideal geometry."""
+LIMIT_KEYS: Final = ("lower", "upper", "velocity", "effort")
+"""What a joint's limits state, in radians and rad/s."""
 
 MOST_URDF_BYTES: Final = 5_000_000
 """A larger file describes no arm."""
@@ -40,14 +50,32 @@ def read_urdf(urdf: Path) -> tuple[Any, int, int]:
         beside = [file.name for file in urdf.parent.glob("*.urdf")]
         known = nearest_word(urdf.name, [*ARM_MODELS, *beside])
         raise ConfigurationError(f"there is no such URDF; did you mean: {known}?")
+    text = ""
     try:
         check_file_size(urdf, MOST_URDF_BYTES, "a URDF")
-        model = pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
+        text = urdf.read_text(encoding="utf-8")
+        model = pin.buildModelFromXML(text)
     except (ValueError, RuntimeError, OSError) as error:
-        raise ConfigurationError(f"is not a URDF: {error}") from None
+        joint = _joint_without_limits(text)
+        why = f"joint {joint} has no {', '.join(LIMIT_KEYS)}" if joint else str(error)
+        raise ConfigurationError(f"is not a URDF: {why}") from None
     base, flange = _frames_b_and_f(model)
     _check_joint_chain(model, flange)
     return model, base, flange
+
+
+def _joint_without_limits(text: str) -> str | None:
+    """Name of the first revolute joint whose limits are not all stated."""
+    try:
+        joints = ElementTree.fromstring(text).iter("joint")
+    except ElementTree.ParseError:
+        return None
+    for joint in joints:
+        limit = joint.find("limit")
+        stated = {} if limit is None else limit.attrib
+        if joint.get("type") == "revolute" and not set(LIMIT_KEYS) <= set(stated):
+            return joint.get("name")
+    return None
 
 
 def _frames_b_and_f(model: Any) -> tuple[int, int]:
@@ -99,11 +127,11 @@ def ur_dh_lengths(model: Any) -> UrDhLengths | None:
     for T, twist in zip(M, (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2), strict=True):
         c, s = np.cos(twist), np.sin(twist)
         if not np.allclose(
-            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=UR_GEOMETRY_TOLERANCE
+            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=GEOMETRY_TOLERANCE
         ):
             return None
     (x2, y2, z2), (x3, y3, z3), (x4, y4, z4), (x5, y5, z5), (x6, y6, z6) = (T[:3, 3] for T in M)
-    if np.abs([x2, y3, y4, x5, x6]).max() > UR_GEOMETRY_TOLERANCE:
+    if np.abs([x2, y3, y4, x5, x6]).max() > GEOMETRY_TOLERANCE:
         return None
     lengths = (z2, x3, x4, z3 + z4 + z5 - y2, z6 - y5, y6)
     return UrDhLengths(*(float(length) for length in lengths))

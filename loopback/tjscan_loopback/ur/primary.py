@@ -8,7 +8,6 @@ from zlib import crc32
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import pose, rot_x, rot_z
 from tjscan.robot.closed_form import DhParameters
 from tjscan.robot.kinematics import Kinematics
@@ -26,14 +25,14 @@ UR_TWISTS: Final = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 
 def nominal_dh_parameters(model: str) -> DhParameters | None:
-    """Parameters of an arm that tjscan knows by its name; None of any other."""
+    """Parameters of a Universal Robots arm that tjscan knows by its name; None of any other."""
     if model not in ARM_MODELS:
         return None
     urdf = Kinematics.load(model).urdf
     chain, _, flange = read_urdf(urdf)
     lengths = ur_dh_lengths(chain)
     if lengths is None:
-        raise ConfigurationError(f"the URDF of {model} is not of the Universal Robots type")
+        return None
     a = (0.0, lengths.a2, lengths.a3, 0.0, 0.0, 0.0)
     d6 = lengths.d6 + chain.frames[flange].placement.translation[2]
     d = (lengths.d1, 0.0, 0.0, lengths.d4, lengths.d5, d6)

@@ -144,6 +144,8 @@ class _Search:
     ) -> None:
         self.job, self.joint, self.plan, self.tilt = job, joint, plan, tilt
         self.kinematics = Kinematics.load(job.arm.model)
+        # Some controllers have frame b at the shoulder; the root of a URDF is the arm's foot.
+        self.T_b_foot = inverse_pose(self.kinematics.T_root_b)
         self.azimuths = 2 * np.pi * np.arange(AZIMUTHS_TRIED) / AZIMUTHS_TRIED
         if plan.direction is ScanDirection.CLOCKWISE:
             self.azimuths = -self.azimuths
@@ -186,9 +188,10 @@ class _Search:
 
     def _may_stand(self, T_w_b: Array) -> bool:
         """Whether what a base stands on passes the tubes, and is above the floor."""
-        down = -T_w_b[:3, 2]
-        length = MOUNT_LENGTH if self.tilt else T_w_b[2, 3]
-        points = T_w_b[:3, 3] + np.linspace(0.0, max(length, 0.0), 16)[:, None] * down
+        T_w_foot = T_w_b @ self.T_b_foot
+        length = MOUNT_LENGTH if self.tilt else T_w_foot[2, 3]
+        down = np.linspace(0.0, max(length, 0.0), 16)[:, None] * -T_w_foot[:3, 2]
+        points = T_w_foot[:3, 3] + down
         if points[:, 2].min() < -1e-9:
             return False
         points_j = transform_points(inverse_pose(self.T_w_j), points)
@@ -200,7 +203,7 @@ class _Search:
         along = joint.leg_surface.axis
         R_j_leg = np.column_stack((np.cross((0.0, 1.0, 0.0), along), (0.0, 1.0, 0.0), along))
         T_leg, T_brace = pose(R_j_leg), pose(p=(0.0, 0.0, joint.brace_length / 2))
-        length = MOUNT_LENGTH if self.tilt else float(T_w_b[2, 3])
+        length = MOUNT_LENGTH if self.tilt else float((T_w_b @ self.T_b_foot)[2, 3])
         found: dict[str, tuple[str, SolidShape, Array]] = {
             "leg": ("w", Cylinder(joint.leg_radius, joint.leg_length), self.T_w_j @ T_leg),
             "brace": ("w", Cylinder(joint.brace_radius, joint.brace_length), self.T_w_j @ T_brace),
@@ -208,7 +211,7 @@ class _Search:
         }
         # Where the arm's own base is, its mount is no body to keep clear of.
         if length > 0.1:
-            middle = pose(p=(0.0, 0.0, -0.02 - length / 2))
+            middle = self.T_b_foot @ pose(p=(0.0, 0.0, -0.02 - length / 2))
             found["mount"] = ("b", Cylinder(MOUNT_RADIUS, length - 0.02), middle)
         return {name: (frame, Solid(name, shape, T)) for name, (frame, shape, T) in found.items()}
 

@@ -378,7 +378,7 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     Raises
     ------
     ConfigurationError
-        If the arm is not of the Universal Robots type.
+        If the arm has no closed form of its inverse kinematics.
     """
     edges, torch = plan.edges, plan.wps.torch
     count = ceil(edges.length / REACH_STEP)

@@ -179,7 +179,7 @@ def divide_plan(
     Raises
     ------
     ConfigurationError
-        If the torch reaches nothing, or an arm is not of the Universal Robots type.
+        If the torch reaches nothing, or an arm has no closed form of its inverse kinematics.
     """
     groove = groove_surface(plan.edges, np.array([section.points for section in sections]))
     reaches = []
