@@ -67,13 +67,13 @@ def ur_loopback(
 
 def kuka_loopback(
     *,
-    model: str = "ur10e",
+    model: str = "kr5_arc",
     host: str = "127.0.0.5",
     computer: str = "127.0.0.1:59152",
     cycle_ms: int = 4,
     timeout: int = 100,
     realtime: Annotated[bool, Parameter(negative="--fast")] = True,
-    home_deg: tuple[float, float, float, float, float, float] = (-110, -95, 160, 105, -110, 0),
+    home_deg: tuple[float, float, float, float, float, float] = (-90, -60, 65, 60, 95, 75),
     attached: bool = False,
 ) -> None:
     """Simulate a KUKA controller with RSI on this machine, until interrupted.

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import FAULTLESS, PAPER, scan_example
+from cells import EXAMPLES, FAULTLESS, scan_example
 from command import tjscan
-from kuka_cell import LIMITS, KukaCell, stream_processes
+from kuka_cell import HOME, KINEMATICS, LIMITS, KukaCell, beside_home, stream_processes
 from pydantic import TypeAdapter, ValidationError
-from ur_cell import HOME, KINEMATICS, address, beside_home
+from ur_cell import address
 
 from tjscan.core import errors
 from tjscan.core.frames import Array, rotation_angle_between
@@ -25,6 +25,8 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.kuka.arm import KukaArm, rows_of_cycles
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.path import MotionLimits, PathPlanner
+
+JOB = EXAMPLES / "kr5_arc.toml"
 
 ARRIVAL = 1e-5
 """Metres between a goal and the arm."""
@@ -75,9 +77,9 @@ def test_moves_arrive_where_they_were_told_to(cell: KukaCell) -> None:
     with cell.arm() as arm:
         before = arm.state()
         for move, T_b_f in (
-            (arm.move_joint_to_pose, beside_home(0.05, 0.0, 0.03)),
-            (arm.move_linear, beside_home(0.0, 0.04, 0.0)),
-            (arm.move_linear, beside_home(0.0, 0.04, 0.0)),
+            (arm.move_joint_to_pose, beside_home(0.05, 0.03)),
+            (arm.move_linear, beside_home(0.0, 0.04)),
+            (arm.move_linear, beside_home(0.0, 0.04)),
             (arm.move_linear, beside_home()),
         ):
             reached = move(T_b_f)
@@ -179,7 +181,7 @@ from tjscan.core.errors import MoveSupervisionLost
 from tjscan.robot.kuka.arm import KukaArm, rows_of_cycles
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.path import MotionLimits, PathPlanner
-from ur_cell import HOME, KINEMATICS, beside_home
+from kuka_cell import KINEMATICS, beside_home
 settings = KukaSettings(sys.argv[1], bind=sys.argv[2], silence_limit=30.0)
 with KukaArm(KINEMATICS, settings, MotionLimits(tcp_speed=0.005)) as arm:
     for _ in range(2):
@@ -290,7 +292,7 @@ def test_no_controller_and_no_address_are_told_apart(cell: KukaCell) -> None:
 def test_another_arm_than_the_job_says_is_refused(cell: KukaCell) -> None:
     with (
         pytest.raises(errors.ConfigurationError, match=r"name the right arm"),
-        KukaArm(Kinematics.load("ur5e"), cell.settings()),
+        KukaArm(Kinematics.load("m10ia"), cell.settings()),
     ):
         pass
 
@@ -316,9 +318,9 @@ def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm() -> Non
     short = FAULTLESS | {"scan.step_mm": 80.0}
     with KukaCell("--fast", "--cycle-ms", "12") as cell:
         table = {"host": cell.host, "bind": cell.bind, "cycle_ms": 12.0, "silence_s": 30.0}
-        driven = scan_example(short | {"arm.driver": "kuka", "arm.kuka": table})
+        driven = scan_example(short | {"arm.driver": "kuka", "arm.kuka": table}, file=JOB)
         assert_was_never_too_fast(cell)
-    simulated = scan_example(short)
+    simulated = scan_example(short, file=JOB)
     assert len(driven.sections) == len(simulated.sections) >= 8
     for one, other in zip(driven.sections, simulated.sections, strict=True):
         np.testing.assert_allclose(one.points_b, other.points_b, rtol=0, atol=1e-5)  # 0.01 mm
@@ -326,7 +328,7 @@ def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm() -> Non
 
 def test_a_dry_run_moves_nothing(cell: KukaCell) -> None:
     kuka = ("--arm.driver", "kuka", "--arm.kuka.host", cell.host, "--arm.kuka.bind", cell.bind)
-    assert tjscan("scan", PAPER, *kuka, "--arm.kuka.silence-s", "30", "--dry-run") == 0
+    assert tjscan("scan", JOB, *kuka, "--arm.kuka.silence-s", "30", "--dry-run") == 0
     assert not any(line.startswith("at rest") for line in cell.unread_output())
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ur_cell import HOME, KINEMATICS
+from kuka_cell import HOME, KINEMATICS
 
 from tjscan.core import errors
 from tjscan.core.frames import Array
@@ -117,7 +117,7 @@ def test_leaving_it_comes_to_rest_and_ends_the_motion() -> None:
     ("change", "word"),
     [
         (lambda packet: packet.replace(b'D="0"', b'D="3"'), "before this program listened"),
-        (lambda packet: packet.replace(b'ASPos A1="-110', b'ASPos A1="-111'), "corrected the arm"),
+        (lambda packet: packet.replace(b'ASPos A1="-90', b'ASPos A1="-91'), "corrected the arm"),
     ],
 )
 def test_rsi_that_ran_already_is_not_answered(change: object, word: str) -> None:
@@ -158,7 +158,7 @@ def test_nonsense_is_refused_by_name(data: bytes) -> None:
         (b"Rob", b"Bor", "<Bor>"),
         (b"<Delay ", b"<Dolay ", "no <Delay>"),
         (b'A6="', b'A7="', "<AIPos> has not a number for each"),
-        (b'AIPos A1="-110.0000"', b'AIPos A1="nan"', "<AIPos>"),
+        (b'AIPos A1="-90.0000"', b'AIPos A1="nan"', "<AIPos>"),
         (b"<IPOC>", b"<IPOC>-", "no time stamp"),
         (b"<IPOC>", b"<IPOC>1234567890123456", "no time stamp"),
         (b"</Rob>", b"", "no XML"),

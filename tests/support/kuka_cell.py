@@ -5,16 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from ur_cell import HOME, KINEMATICS, address
+from ur_cell import address
 
+from tjscan.core.frames import Array, pose
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.kuka.arm import KukaArm
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.path import MotionLimits
 from tjscan_loopback.process import KukaLoopbackProcess
 
+KINEMATICS = Kinematics.load("kr5_arc")
+
+HOME = np.radians([-90, -60, 65, 60, 95, 75])
+"""Where the loopback controller starts."""
+
 LIMITS = MotionLimits()
 
-ARM_AT_HOME = ("--home-deg", *(f"{angle:g}" for angle in np.degrees(HOME)))
+
+def beside_home(x: float = 0.0, y: float = 0.0) -> Array:
+    """Flange pose some metres beside where the controller starts."""
+    return pose(p=(x, y, 0.0)) @ KINEMATICS.forward(HOME)
 
 
 class KukaCell(KukaLoopbackProcess):
@@ -38,9 +48,9 @@ class KukaCell(KukaLoopbackProcess):
         """The driver, not yet connected."""
         return KukaArm(KINEMATICS, self.settings(silence=silence), limits)
 
-    def true_q(self) -> np.ndarray:
+    def true_q(self) -> Array:
         """Joint angles of the simulated arm, radians."""
-        return np.radians(self.ask_for_truth()["q_deg"])
+        return np.radians(np.array(self.ask_for_truth()["q_deg"], dtype=float))
 
 
 def stream_processes() -> list[int]:

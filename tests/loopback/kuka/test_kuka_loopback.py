@@ -7,7 +7,8 @@ import pytest
 from command import tjscan
 from hypothesis import given
 from hypothesis import strategies as st
-from ur_cell import HOME, KINEMATICS, address
+from kuka_cell import HOME, KINEMATICS
+from ur_cell import address
 
 from tjscan_loopback.kuka.controller import LoopbackController, parse_answer
 
@@ -67,7 +68,7 @@ def test_an_answer_of_another_name_is_none() -> None:
         ("--computer", "127.0.0.1"),
         ("--cycle-ms", "5"),
         ("--model", "ur99"),
-        ("--home-deg", "-100", "-90", "150", "400", "-100", "10"),
+        ("--home-deg", "-90", "-60", "65", "400", "95", "75"),
     ],
 )
 def test_it_refuses_what_can_not_be(options: tuple[str, ...]) -> None:
