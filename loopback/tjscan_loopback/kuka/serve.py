@@ -123,7 +123,7 @@ class LoopbackServer:
         if InjectedFault.FROZEN_IPOC in self._faults and program == controller.program:
             controller.ipoc = ipoc
         self._before, self._faults = packet, self._faults & LASTING
-        if self._realtime or controller.moved == moved:
+        if self._realtime or (answer is not None and controller.moved == moved):
             time.sleep(max(self._due - time.monotonic(), 0.0))
 
     def _send(self, link: socket.socket, packet: bytes) -> None:

@@ -42,7 +42,7 @@ class RsiClient:
     def __init__(self) -> None:
         self._socket: socket.socket | None = None
         self._stream = CorrectionStream("", "", CYCLES[0])
-        self._heard = self._asked = time.monotonic()
+        self._heard = self._asked = self._looked = time.monotonic()
         self._silence_limit = inf
         self._left: float | None = None
 
@@ -119,6 +119,9 @@ class RsiClient:
 
     def _watch(self) -> None:
         now = time.monotonic()
+        pause, self._looked = now - self._looked, now
+        if pause > 2 * WATCH_INTERVAL:  # in which this process was held up: the others may not be
+            self._asked, self._heard = self._asked + pause, self._heard + pause
         if not self._stream.connected:
             self._heard = now
         elif now - self._heard > self._silence_limit:
