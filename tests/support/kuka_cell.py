@@ -50,7 +50,7 @@ class KukaCell(KukaLoopbackProcess):
 
     def true_q(self) -> Array:
         """Joint angles of the simulated arm, radians."""
-        return np.radians(np.array(self.ask_for_truth()["q_deg"], dtype=float))
+        return np.asarray(np.radians(self.ask_for_truth()["q_deg"]))
 
 
 def stream_processes() -> list[int]:

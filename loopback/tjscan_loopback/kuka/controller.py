@@ -13,21 +13,21 @@ import numpy as np
 from tjscan.core.frames import Array, pose_to_euler_zyx
 from tjscan.robot.kinematics import Kinematics
 
-AXES: Final = ("A1", "A2", "A3", "A4", "A5", "A6")
+AXIS_NAMES: Final = ("A1", "A2", "A3", "A4", "A5", "A6")
 
-DIGITS: Final = 4
+SENT_DECIMALS: Final = 4
 """Decimal places of what it sends: the parameter Precision of its RSI object Ethernet."""
 
 SEN_TYPE: Final = "tjscan"
 """What the other computer has to call itself."""
 
-LAG: Final = 3
+LAG_CYCLES: Final = 3
 """Cycles by which the arm is behind its corrections."""
 
 PAUSE_BETWEEN_PROGRAMS: Final = 10_000
 """Milliseconds on its clock until a person starts the program again."""
 
-ROUNDING: Final = 1e-7
+TURN_ROUNDING: Final = 1e-7
 """Radians by which a joint may seem to turn further in a cycle: digits of an answer."""
 
 INTERPRETER_STATES: Final = {True: 3, False: 4}
@@ -58,7 +58,7 @@ def parse_answer(data: bytes) -> Answer | None:
     try:
         root = ElementTree.fromstring(data)
         axes = next(root.iter("AK"))
-        correction = np.radians([float(axes.attrib[axis]) for axis in AXES])
+        correction = np.radians([float(axes.attrib[axis]) for axis in AXIS_NAMES])
         ipoc, stop = int(root.findtext("IPOC", "")), bool(int(root.findtext("Stop", "0")))
     except (ElementTree.ParseError, StopIteration, KeyError, ValueError):
         return None
@@ -123,8 +123,8 @@ class LoopbackController:
         self.standing, self.program_runs, self.runs, self.answered = False, True, True, False
         self.q = self._home if home else self.q
         self._set_point = self.commanded = self.q
-        self._behind = deque([self.q] * LAG)
-        self._late, self._still = 0, LAG
+        self._behind = deque([self.q] * LAG_CYCLES)
+        self._late, self._still = 0, LAG_CYCLES
         self.program += 1
         self.ipoc += PAUSE_BETWEEN_PROGRAMS
         self._first = self.ipoc
@@ -137,7 +137,7 @@ class LoopbackController:
             numbers = (*1e3 * position, *np.degrees(angles))
             ElementTree.SubElement(root, tag, _attributes(("X", "Y", "Z", "A", "B", "C"), numbers))
         for tag, q in (("AIPos", self.q), ("ASPos", self._set_point)):
-            ElementTree.SubElement(root, tag, _attributes(AXES, np.degrees(q)))
+            ElementTree.SubElement(root, tag, _attributes(AXIS_NAMES, np.degrees(q)))
         ElementTree.SubElement(root, "Delay", D=str(self._late))
         ElementTree.SubElement(root, "Status", R=str(INTERPRETER_STATES[self.program_runs]))
         ElementTree.SubElement(root, "IPOC").text = str(self.ipoc)
@@ -171,21 +171,21 @@ class LoopbackController:
         self.report_line(f"stopped: {reason}")
 
     def _follow(self, q: Array) -> None:
-        turn = np.abs(q - self.commanded) - ROUNDING
+        turn = np.abs(q - self.commanded) - TURN_ROUNDING
         speeds = turn / (1e-3 * self.cycle_ms * self._kinematics.velocity)
         self.fastest = max(self.fastest, float(speeds.max()))
         moves = bool(turn.max() > 0)
         self.moved += moves
         self._still = 0 if moves else self._still + 1
-        if self._still == LAG:
+        if self._still == LAG_CYCLES:
             self.report_line("at rest")
         if speeds.max() > 1:
-            self.stop(f"{AXES[int(speeds.argmax())]} is commanded too fast")
-        elif self._kinematics.joint_limit_excess(q).max() > ROUNDING:
+            self.stop(f"{AXIS_NAMES[int(speeds.argmax())]} is commanded too fast")
+        elif self._kinematics.joint_limit_excess(q).max() > TURN_ROUNDING:
             self.stop("a correction leads beyond a joint's limit")
         else:
             self.commanded = q
 
 
 def _attributes(names: tuple[str, ...], values: Array | tuple[float, ...]) -> dict[str, str]:
-    return {name: f"{value:.{DIGITS}f}" for name, value in zip(names, values, strict=True)}
+    return {name: f"{value:.{SENT_DECIMALS}f}" for name, value in zip(names, values, strict=True)}

@@ -36,10 +36,18 @@ LARGEST_ANSWER: Final = 4096
 LOST_IN_A_ROW: Final = {InjectedFault.LOSE_PACKET: 1, InjectedFault.LOSE_PACKETS: 10}
 """Packets that get lost."""
 
-UNAWAITED: Final = {InjectedFault.LATE_ANSWER, InjectedFault.UNANSWERED, InjectedFault.FROZEN_IPOC}
+UNAWAITED_FAULTS: Final = {
+    InjectedFault.LATE_ANSWER,
+    InjectedFault.UNANSWERED,
+    InjectedFault.FROZEN_IPOC,
+}
 """Faults in whose cycles no answer comes in time."""
 
-LASTING: Final = {InjectedFault.LOSE_ANSWERS, InjectedFault.UNANSWERED, InjectedFault.FROZEN_IPOC}
+LASTING_FAULTS: Final = {
+    InjectedFault.LOSE_ANSWERS,
+    InjectedFault.UNANSWERED,
+    InjectedFault.FROZEN_IPOC,
+}
 """Faults of the wire that last until they are cleared."""
 
 IPOC_JUMP: Final = 1001
@@ -113,7 +121,7 @@ class LoopbackServer:
         with suppress(ConnectionRefusedError):  # of the packet before
             self._send(link, packet)
         lost, self._lost = self._lost > 0, max(self._lost - 1, 0)
-        answer = None if lost or self._faults & UNAWAITED else self._await_answer(link)
+        answer = None if lost or self._faults & UNAWAITED_FAULTS else self._await_answer(link)
         if self._faults & {InjectedFault.LOSE_ANSWER, InjectedFault.LOSE_ANSWERS}:
             answer = None
         if controller.runs and program == controller.program:
@@ -122,7 +130,7 @@ class LoopbackServer:
             print_line("connected")
         if InjectedFault.FROZEN_IPOC in self._faults and program == controller.program:
             controller.ipoc = ipoc
-        self._before, self._faults = packet, self._faults & LASTING
+        self._before, self._faults = packet, self._faults & LASTING_FAULTS
         if self._realtime or (answer is not None and controller.moved == moved):
             time.sleep(max(self._due - time.monotonic(), 0.0))
 
@@ -158,7 +166,7 @@ class LoopbackServer:
             except (TimeoutError, BlockingIOError):
                 self._obey_lines(0.0)
                 late = self._realtime and left <= LOOK_INTERVAL
-                if late or self._faults & UNAWAITED or not controller.answered:
+                if late or self._faults & UNAWAITED_FAULTS or not controller.answered:
                     return None
                 continue
             if answer is not None and answer.ipoc == controller.ipoc:

@@ -21,7 +21,7 @@ from tjscan.core.process import ClientProcess
 from tjscan.robot.arm import STATE_READING_PAUSE, ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.kuka.client import LEAVE_LIMIT
-from tjscan.robot.kuka.packets import AXES
+from tjscan.robot.kuka.packets import AXIS_NAMES
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.kuka.stream import StreamState
 from tjscan.robot.path import JointTrajectory, MotionLimits
@@ -70,7 +70,7 @@ class KukaArm(PlannedArm):
     def __init__(
         self, kinematics: Kinematics, settings: KukaSettings, limits: MotionLimits | None = None
     ) -> None:
-        if len(kinematics.lower) != len(AXES):
+        if len(kinematics.lower) != len(AXIS_NAMES):
             message = f"RSI moves six joints, {kinematics.name} has {len(kinematics.lower)}"
             raise errors.ConfigurationError(message, key="arm.model")
         super().__init__(kinematics, limits)

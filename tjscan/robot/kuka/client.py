@@ -20,7 +20,7 @@ from tjscan.core.frames import Array
 from tjscan.core.process import ClientMethodCall
 from tjscan.core.signals import ignore_ctrl_c
 from tjscan.robot.kuka.packets import LARGEST_PACKET
-from tjscan.robot.kuka.settings import CYCLES, KukaSettings
+from tjscan.robot.kuka.settings import RSI_CYCLES, KukaSettings
 from tjscan.robot.kuka.stream import CorrectionStream, StreamState
 
 WATCH_INTERVAL: Final = 0.05
@@ -41,7 +41,7 @@ class RsiClient:
 
     def __init__(self) -> None:
         self._socket: socket.socket | None = None
-        self._stream = CorrectionStream("", "", CYCLES[0])
+        self._stream = CorrectionStream("", "", RSI_CYCLES[0])
         self._heard = self._asked = self._looked = time.monotonic()
         self._silence_limit = inf
         self._left: float | None = None

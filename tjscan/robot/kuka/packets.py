@@ -15,7 +15,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 
-AXES: Final = ("A1", "A2", "A3", "A4", "A5", "A6")
+AXIS_NAMES: Final = ("A1", "A2", "A3", "A4", "A5", "A6")
 
 LARGEST_PACKET: Final = 4096
 """Bytes of a packet at most: more is none of a controller that is set up as docs/kuka.md states."""
@@ -76,8 +76,8 @@ def parse_packet(data: bytes) -> RobPacket:
         raise PacketRefused(f"it is {found}, not a <Rob> of Type 'KUKA'")
     return RobPacket(
         ipoc=_time_stamp(root.findtext("IPOC", "")),
-        q=np.radians(_numbers(root, "AIPos", AXES)),
-        set_point=np.radians(_numbers(root, "ASPos", AXES)),
+        q=np.radians(_numbers(root, "AIPos", AXIS_NAMES)),
+        set_point=np.radians(_numbers(root, "ASPos", AXIS_NAMES)),
         tool_b=1e-3 * _numbers(root, "RIst", ("X", "Y", "Z")),
         late=int(_numbers(root, "Delay", ("D",))[0]),
         program=None if root.find("Status") is None else int(_numbers(root, "Status", ("R",))[0]),
@@ -98,7 +98,7 @@ def format_answer(sen_type: str, correction: Array, ipoc: int, *, stop: bool) ->
     stop : bool
         Whether the sensor-guided motion is to end.
     """
-    angles = zip(AXES, np.degrees(correction).tolist(), strict=True)
+    angles = zip(AXIS_NAMES, np.degrees(correction).tolist(), strict=True)
     axes = " ".join(f'{axis}="{angle:.6f}"' for axis, angle in angles)
     return (
         f'<Sen Type="{sen_type}"><Stop>{stop:d}</Stop><AK {axes}/><IPOC>{ipoc}</IPOC></Sen>'

@@ -11,7 +11,7 @@ from tjscan.core.devices import is_loopback_host
 from tjscan.core.units import MILLISECONDS, SECONDS
 from tjscan.robot.settings import ControllerSettings
 
-CYCLES: Final = (4e-3, 12e-3)
+RSI_CYCLES: Final = (4e-3, 12e-3)
 """Seconds between two packets of a controller, IPO_FAST and IPO."""
 
 
@@ -37,11 +37,11 @@ class KukaSettings(ControllerSettings):
     bind: Annotated[str, MinLen(1)] = "127.0.0.1"
     port: Annotated[int, Ge(1), Le(65535)] = 59152
     sen_type: Annotated[str, MinLen(1)] = "tjscan"
-    cycle: Annotated[float, Ge(4), Le(12), MILLISECONDS] = CYCLES[0]
+    cycle: Annotated[float, Ge(4), Le(12), MILLISECONDS] = RSI_CYCLES[0]
     connect_limit: Annotated[float, Ge(1), Le(600), SECONDS.with_key("connect_s")] = 60.0
 
     def __post_init__(self) -> None:
-        if min(abs(self.cycle - cycle) for cycle in CYCLES) > 1e-9:
+        if min(abs(self.cycle - cycle) for cycle in RSI_CYCLES) > 1e-9:
             raise ValueError("cycle_ms is 4 (IPO_FAST) or 12 (IPO)")
         if not self.sen_type.isalnum() or not self.sen_type.isascii():
             raise ValueError("sen_type has letters and digits alone")

@@ -18,9 +18,9 @@ from tjscan.robot.kuka import packets
 from tjscan.robot.kuka.packets import RobPacket
 
 MOST_LOST: Final = 5
-"""Packets that may be lost lately; see `FORGOTTEN`."""
+"""Packets that may be lost lately; see `FORGIVEN_SHARE`."""
 
-FORGOTTEN: Final = 0.01
+FORGIVEN_SHARE: Final = 0.01
 """Share of a lost, late or waiting packet that each good one makes up for."""
 
 START_TOLERANCE: Final = np.radians(0.1)
@@ -41,7 +41,7 @@ SETTLING_TIME: Final = 0.2
 REMEMBERED_ANSWERS: Final = 4096
 """Answers that may prove not to have been taken."""
 
-HINT: Final = "See that the arm is at rest and its network cable sits, then start again."
+CABLE_ADVICE: Final = "See that the arm is at rest and its network cable sits, then start again."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +112,7 @@ class CorrectionStream:
         except packets.PacketRefused as refused:
             self.fail(
                 errors.ArmConnectionLost(
-                    f"a packet of the arm's controller is refused: {refused}. {HINT}"
+                    f"a packet of the arm's controller is refused: {refused}. {CABLE_ADVICE}"
                 )
             )
             return None
@@ -196,7 +196,7 @@ class CorrectionStream:
 
     def note_waiting(self, count: int) -> None:
         """Note how many packets waited for this program at once, of which one is in time."""
-        self._waited = max(self._waited - FORGOTTEN * count, count - 1)
+        self._waited = max(self._waited - FORGIVEN_SHARE * count, count - 1)
 
     def fail_for_silence(self, seconds: float) -> None:
         """Fail because no new packet came for some seconds, by which side fell silent first."""
@@ -216,7 +216,7 @@ class CorrectionStream:
                 errors.ArmConnectionLost(
                     f"answers did not reach the arm's controller in time ({self._late:.0f} of the "
                     "last), and it has ended RSI: the network, or this computer, is too slow"
-                    f"{ignored}. {HINT}"
+                    f"{ignored}. {CABLE_ADVICE}"
                 )
             )
         self.fail(
@@ -252,14 +252,14 @@ class CorrectionStream:
         late = max(packet.late - before.late, 0)
         if lost > 0:
             self._ignored["that never came"] += lost
-        self._lost = max(self._lost - FORGOTTEN, 0.0) + max(lost, 0)
-        self._late = max(self._late - FORGOTTEN, 0.0) + late
+        self._lost = max(self._lost - FORGIVEN_SHARE, 0.0) + max(lost, 0)
+        self._late = max(self._late - FORGIVEN_SHARE, 0.0) + late
         if (packet.ipoc - before.ipoc) % period or self._lost > MOST_LOST:
             self.fail(
                 errors.ArmConnectionLost(
                     f"the IPOC of the arm's controller jumped from {before.ipoc} to {packet.ipoc}, "
                     f"where cycle_ms = {period}. See that this is its cycle and the network loses "
-                    f"nothing. {HINT}"
+                    f"nothing. {CABLE_ADVICE}"
                 )
             )
         for _ in range(min(late - lost, len(self._sent) - 1)):
