@@ -65,6 +65,59 @@ def ur_loopback(
     )
 
 
+def kuka_loopback(
+    *,
+    model: str = "kr5_arc",
+    host: str = "127.0.0.5",
+    computer: str = "127.0.0.1:59152",
+    cycle_ms: int = 4,
+    timeout: int = 100,
+    realtime: Annotated[bool, Parameter(negative="--fast")] = True,
+    home_deg: tuple[float, float, float, float, float, float] = (-90, -60, 65, 60, 95, 75),
+    attached: bool = False,
+) -> None:
+    """Simulate a KUKA controller with RSI on this machine, until interrupted.
+
+    Its program starts once the computer listens. A line on stdin commands a fault: of answers
+    lose-answer, lose-answers, late-answer or unanswered; of packets lose-packet, lose-packets,
+    double-packet, old-packet, foreign-packet, wrong-type, malformed, wrong-ipoc or frozen-ipoc;
+    stand, stop-program or stop. clear sets all right again and starts the program, home puts the
+    arm where it started, too. With a number behind it, it comes after so many cycles of motion.
+
+    Parameters
+    ----------
+    model
+        The arm, or the path of its URDF.
+    host
+        The address that it sends from, 127.0.0.1 to 127.255.255.254.
+    computer
+        HOST:PORT on this machine to which it sends.
+    cycle_ms
+        Milliseconds between two packets, 4 or 12.
+    timeout
+        Answers that may be late or missing until it stops.
+    realtime
+        Whether its clock runs with the wall's; with --fast it waits for each answer, and moves
+        run as fast as answers come.
+    home_deg
+        Where the arm starts, six joint angles in degrees.
+    attached
+        End when stdin ends.
+    """
+    from tjscan_loopback.kuka.serve import run_loopback_controller
+
+    run_loopback_controller(
+        model,
+        host,
+        computer,
+        cycle_ms=cycle_ms,
+        timeout=timeout,
+        home_deg=home_deg,
+        realtime=realtime,
+        attached=attached,
+    )
+
+
 def laser_loopback(
     job: Path | None = None,
     *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],

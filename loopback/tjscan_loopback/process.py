@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
-from typing import Any, ClassVar, Final, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+
+import numpy as np
 
 from tjscan.core.errors import (
     ArmNotConnected,
@@ -26,11 +28,15 @@ from tjscan.core.errors import (
     VehicleLinkLost,
 )
 
+if TYPE_CHECKING:
+    from tjscan.core.frames import Array
+    from tjscan.robot.kinematics import Kinematics
+
 REPLY_TIMEOUT: Final = 60.0
 """Seconds to wait for a line; a busy machine takes its time."""
 
 TRUTH_COMMAND: Final = "truth"
-"""Line that asks for the truth of a towing world, and the first word of its reply."""
+"""Line that asks for the truth of a device, and the first word of its reply."""
 
 
 def print_line(line: str) -> None:
@@ -58,6 +64,40 @@ def check_is_loopback_address(host: str) -> None:
             f"(found {host!r})",
             key="host",
         )
+
+
+def parse_loopback_port(text: str, key: str) -> tuple[str, int]:
+    """Parse ``HOST:PORT`` of this machine.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is none.
+    """
+    host, _, port = text.rpartition(":")
+    if not port.isdecimal() or not 1 <= int(port) <= 65535:
+        raise ConfigurationError(
+            f"HOST:PORT, for instance 127.0.0.1:1883 (found {text!r})", key=key
+        )
+    check_is_loopback_address(host)
+    return host, int(port)
+
+
+def start_posture(kinematics: Kinematics, home_deg: Sequence[float]) -> Array:
+    """Joint angles in radians at which an arm starts.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be there.
+    """
+    q = np.radians(home_deg)
+    possible = q.shape == kinematics.lower.shape and np.all(
+        (q >= kinematics.lower) & (q <= kinematics.upper)  # not if an angle is NaN
+    )
+    if not possible:
+        raise ConfigurationError(f"{kinematics.name} can't be at {list(home_deg)}", key="home_deg")
+    return q
 
 
 class LoopbackProgram:
@@ -147,6 +187,13 @@ class LoopbackProgram:
             if line.startswith(wanted):
                 return line
 
+    def ask_for_truth(self) -> dict[str, Any]:
+        """What is true of the device, and was since it began, of those that state it."""
+        self.write_line(TRUTH_COMMAND)
+        line = self.wait_for_line(f"{TRUTH_COMMAND} ")
+        truth: dict[str, Any] = json.loads(line.removeprefix(TRUTH_COMMAND))
+        return truth
+
     def unread_output(self) -> Sequence[str]:
         """Lines that the process has printed and no call has waited for."""
         lines = []
@@ -187,6 +234,26 @@ class UrLoopbackProcess(LoopbackProgram):
 
     def __init__(self, host: str, *options: str) -> None:
         super().__init__("ur-loopback", "--host", host, *options)
+        self.host = host
+
+
+class KukaLoopbackProcess(LoopbackProgram):
+    """Process with a loopback KUKA controller; a context manager starts and ends it.
+
+    Parameters
+    ----------
+    host : str
+        The address that it sends from.
+    computer : str
+        ``HOST:PORT`` to which it sends.
+    *options : str
+        Further options of ``tjscan kuka-loopback``.
+    """
+
+    ended, silent = ArmNotConnected, ArmNotResponding
+
+    def __init__(self, host: str, computer: str, *options: str) -> None:
+        super().__init__("kuka-loopback", "--host", host, "--computer", computer, *options)
         self.host = host
 
 
@@ -235,13 +302,6 @@ class VehicleLoopbackProcess(LoopbackProgram):
             If it goes on moving.
         """
         return float(self.wait_for_line(f"at rest {vehicle} ", timeout=timeout).split()[-1])
-
-    def ask_for_truth(self) -> dict[str, Any]:
-        """What is true of a tow, and was since it began; see `TowingBodies.truth_as_json`."""
-        self.write_line(TRUTH_COMMAND)
-        line = self.wait_for_line(f"{TRUTH_COMMAND} ")
-        truth: dict[str, Any] = json.loads(line.removeprefix(TRUTH_COMMAND))
-        return truth
 
 
 class PowerLoopbackProcess(LoopbackProgram):

@@ -10,8 +10,38 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
 from tjscan.core import units
-from tjscan.core.frames import Array, array_dataclass
+from tjscan.core.frames import Array, array_dataclass, rotation_angle_between
 from tjscan.core.units import PoseSettings, SettingsTable
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerSettings(SettingsTable):
+    """Settings of every driver of a real arm: its controller's address, time limits, tolerances.
+
+    Parameters
+    ----------
+    host : str
+        The controller's address.
+    position_tolerance, rotation_tolerance : float, optional
+        Between the pose asked for and the one reached, metres and radians.
+    connect_limit : float, optional
+        Seconds a connection may take.
+    silence_limit : float, optional
+        Seconds for which the controller's clock may not advance.
+    """
+
+    host: Annotated[str, MinLen(1)]
+    position_tolerance: Annotated[float, Gt(0), Le(10), units.MM] = 5e-4
+    rotation_tolerance: Annotated[float, Gt(0), Le(5), units.DEG] = radians(0.1)
+    connect_limit: Annotated[float, Ge(1), Le(120), units.SECONDS.with_key("connect_s")] = 15.0
+    silence_limit: Annotated[float, Ge(0.1), Le(60), units.SECONDS.with_key("silence_s")] = 1.0
+
+    def compare_with_wanted_pose(self, T: Array, T_wanted: Array) -> tuple[float, float, bool]:
+        """Distance, metres, and angle, radians, between two poses; whether both are tolerated."""
+        distance = float(np.linalg.norm(T[:3, 3] - T_wanted[:3, 3]))
+        angle = rotation_angle_between(T, T_wanted)
+        near = distance <= self.position_tolerance and angle <= self.rotation_tolerance
+        return distance, angle, near
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ Its errors are of geometry, gears, backlash and warmth.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final, Self
 
@@ -16,10 +16,11 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import ArmFault, ConfigurationError
 from tjscan.core.frames import Array, array_dataclass, pose, readonly_copy
-from tjscan.robot.arm import ArmState, MotionLock
+from tjscan.robot.arm import ArmState
 from tjscan.robot.deviations import deviate_joint_frames, deviations_of_longer_links
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
+from tjscan.robot.path import JointTrajectory, MotionLimits
+from tjscan.robot.planned import PathPlan, PlannedArm
 from tjscan.robot.settings import ArmErrorSettings
 from tjscan.robot.simulated_following import SimulatedFollowing, WanderingError
 
@@ -113,7 +114,7 @@ SIMULATED_MOVE_TICK: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
 
-class SimulatedArm(LocalDevice):
+class SimulatedArm(PlannedArm, LocalDevice):
     """An arm that is simulated, behind the `Arm` protocol.
 
     It reports what its encoders would: exactly the pose it was sent to. The true pose of
@@ -169,8 +170,7 @@ class SimulatedArm(LocalDevice):
         errors: SimulatedArmErrors | None = None,
     ) -> None:
         _check_start_posture(kinematics, np.asarray(q, dtype=float))
-        self.kinematics = kinematics
-        self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
+        super().__init__(kinematics, limits)
         self.realtime = realtime
         self._spread = np.repeat(repeatability, 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
@@ -180,7 +180,6 @@ class SimulatedArm(LocalDevice):
         self._error = self._draw_error()
         self.lag, self.wander = FOLLOWING_LAG, ERROR_CORRELATION
         self._following: SimulatedFollowing | None = None
-        self._latch = MotionLock()
 
     def __enter__(self) -> Self:
         """Make ready to move."""
@@ -209,21 +208,6 @@ class SimulatedArm(LocalDevice):
         q, now = self._now
         return ArmState(q, self.kinematics.forward(q), now)
 
-    def check_moves(self, *T_b_f: Array) -> None:
-        """Check that moves are possible, without moving; see `Arm.check_moves`."""
-        self.check_connected()
-        self._planner.check_moves(self._now[0], *T_b_f)
-
-    def move_linear(self, T_b_f: Array) -> ArmState:
-        """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
-        return self._make_planned_move(lambda q: self._planner.linear_path(q, T_b_f))
-
-    def move_joint_to_pose(
-        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
-    ) -> ArmState:
-        """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
-        return self._make_planned_move(lambda q: self._planner.joint_path(q, T_b_f, near))
-
     @contextmanager
     def follow(self) -> Iterator[SimulatedFollowing]:
         """Follow paths that grow, as time is let pass. See `FollowingArm.follow`."""
@@ -250,15 +234,7 @@ class SimulatedArm(LocalDevice):
         self._now = (readonly_copy(following.q), following.time)
         self._error, self._turning = following.error.now, following.turning
 
-    def stop(self) -> None:
-        """End the move under way where it is, and begin nothing more. See `Arm.stop`."""
-        self._latch.stop()
-
-    def accept_moves_again(self) -> None:
-        """Take commands again after a stop. See `Arm.accept_moves_again`."""
-        self._latch.clear_stop()
-
-    def _make_planned_move(self, plan: Callable[[Array], JointTrajectory]) -> ArmState:
+    def _move(self, plan: PathPlan, T_b_f: Array, *, linear: bool) -> ArmState:
         self.check_connected()
         with self._latch.hold_for_move():
             q, start = self._now

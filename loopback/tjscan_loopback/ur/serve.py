@@ -5,13 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 
-import numpy as np
-
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.signals import survive_background_terminal_read
 from tjscan.robot.kinematics import Kinematics
-from tjscan_loopback.process import check_is_loopback_address, print_line
+from tjscan_loopback.process import check_is_loopback_address, print_line, start_posture
 from tjscan_loopback.ur.controller import LoopbackController
 from tjscan_loopback.ur.primary import draw_calibration, nominal_dh_parameters, with_dh_parameters
 from tjscan_loopback.ur.server import LoopbackServer
@@ -46,12 +44,7 @@ def run_loopback_server(
     if nominal is not None and calibration_seed is not None:
         dh = draw_calibration(nominal, calibration_seed)
         kinematics = with_dh_parameters(kinematics, nominal, dh)
-    q = np.radians(home_deg)
-    possible = q.shape == kinematics.lower.shape and np.all(
-        (q >= kinematics.lower) & (q <= kinematics.upper)  # not if an angle is NaN
-    )
-    if not possible:
-        raise ConfigurationError(f"{kinematics.name} can't be at {list(home_deg)}", key="home_deg")
+    q = start_posture(kinematics, home_deg)
     survive_background_terminal_read()
     controller = LoopbackController(
         kinematics,

@@ -33,7 +33,7 @@ from tjscan.vehicle.simulated_body import (
     VehicleSimulationSettings,
 )
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan_loopback.process import TRUTH_COMMAND, check_is_loopback_address, print_line
+from tjscan_loopback.process import TRUTH_COMMAND, parse_loopback_port, print_line
 from tjscan_loopback.vehicle.bodies import CrawlerBody, LoopbackBody
 from tjscan_loopback.vehicle.faults import VehicleFaultOrder, parse_ordered_fault
 from tjscan_loopback.vehicle.towing import TowingBodies
@@ -80,7 +80,7 @@ def run_loopback_vehicles(
     """
     if not 1 <= vehicles <= MOST_VEHICLES:
         raise ConfigurationError(f"1 to {MOST_VEHICLES} (found {vehicles})", key="vehicles")
-    host, port = _parse_broker(broker)
+    host, port = parse_loopback_port(broker, key="broker")
     bodies: list[LoopbackBody] = []
     if towing is not None:
         bodies += towing.bodies
@@ -230,16 +230,6 @@ def _crawlers(vehicles: int, settings: Path | None, seed: int) -> Iterator[Crawl
     for number in range(vehicles):
         own = replace(simulation, start=(x, y + VEHICLE_SPACING * number))
         yield CrawlerBody(SimulatedBody(tracks, own, seed=seed + number))
-
-
-def _parse_broker(broker: str) -> tuple[str, int]:
-    host, _, port = broker.rpartition(":")
-    if not port.isdecimal() or not 1 <= int(port) <= 65535:
-        raise ConfigurationError(
-            f"HOST:PORT, for instance 127.0.0.1:1883 (found {broker!r})", key="broker"
-        )
-    check_is_loopback_address(host)
-    return host, int(port)
 
 
 def _read_settings(file: Path | None) -> tuple[TrackGeometry, VehicleSimulationSettings]:

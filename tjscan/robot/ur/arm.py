@@ -19,12 +19,13 @@ from typing import Any, Final, Self
 import numpy as np
 
 from tjscan.core import errors, pose_vector
-from tjscan.core.devices import DeviceBase, EventListener
+from tjscan.core.devices import EventListener
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.following import Following
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.path import MotionLimits, PathPlanner
+from tjscan.robot.path import MotionLimits
+from tjscan.robot.planned import PathPlan, PlannedArm
 from tjscan.robot.ur import moving
 from tjscan.robot.ur.dashboard import DashboardClient, UrIdentity, read_ur_identity
 from tjscan.robot.ur.following import follow_paths
@@ -192,7 +193,7 @@ def _setting_ignored_error(what: str, wanted: str, found: object) -> errors.ArmF
     )
 
 
-class UrArm(DeviceBase):
+class UrArm(PlannedArm):
     """A Universal Robots arm, or the loopback controller in its place.
 
     Parameters
@@ -209,11 +210,10 @@ class UrArm(DeviceBase):
     def __init__(
         self, kinematics: Kinematics, settings: UrSettings, limits: MotionLimits | None = None
     ) -> None:
-        self.kinematics, self.settings = kinematics, settings
-        self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
+        super().__init__(kinematics, limits)
+        self.settings = settings
         self._session: ControllerSession | None = None
         self._identity = UrIdentity()
-        self._latch = MotionLock()
 
     def __enter__(self) -> Self:
         """Connect, set TCP and payload, and read them back; nothing moves.
@@ -260,28 +260,6 @@ class UrArm(DeviceBase):
         """Joint angles, flange pose and time, as the controller reports them."""
         return self._connected_session.arm_state()
 
-    def check_moves(self, *T_b_f: Array) -> None:
-        """Check that moves are possible, without moving; see `Arm.check_moves`."""
-        self._planner.check_moves(self.state().q, *T_b_f)
-
-    def move_linear(self, T_b_f: Array) -> ArmState:
-        """Move the flange on a straight line to a pose. See `Arm.move_linear`.
-
-        Raises
-        ------
-        TargetRefused
-            Before anything moves, if the controller holds the pose for unsafe.
-        PoseNotReached
-            If the arm came to rest somewhere else. It takes no more commands then.
-        """
-        return self._execute_move(T_b_f, linear=True)
-
-    def move_joint_to_pose(
-        self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
-    ) -> ArmState:
-        """Move to the nearest configuration that holds a pose. See `move_linear`."""
-        return self._execute_move(T_b_f, near)
-
     def run_program(self, program: moving.UrProgram, started: Callable[[], object]) -> None:
         """Run a program in URScript to its end; the arm takes no moves after it.
 
@@ -313,27 +291,17 @@ class UrArm(DeviceBase):
                 if session.fault is None:
                     _set_up_control_script(session)
 
-    def stop(self) -> None:
-        """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
-        self._latch.stop()
-
-    def accept_moves_again(self) -> None:
-        """Take commands again after a stop. See `Arm.accept_moves_again`."""
-        self._latch.clear_stop()
-
     @property
     def _connected_session(self) -> ControllerSession:
         if self._session is None:
             raise errors.ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
 
-    def _execute_move(
-        self, T_b_f: Array, near: Array | None = None, *, linear: bool = False
-    ) -> ArmState:
-        session, planner = self._connected_session, self._planner
+    def _move(self, plan: PathPlan, T_b_f: Array, *, linear: bool) -> ArmState:
+        session = self._connected_session
         with self._latch.hold_for_move():
             q = session.arm_state().q
-            path = planner.linear_path(q, T_b_f) if linear else planner.joint_path(q, T_b_f, near)
+            path = plan(q)
             # A controller's move without length ends before it is seen to begin.
             if np.abs(path.q - q).max() > moving.LEAST_MOVING_TURN:
                 moving.check_target_is_safe(session, T_b_f)

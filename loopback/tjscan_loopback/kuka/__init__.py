@@ -1,0 +1,1 @@
+"""A KUKA controller on this machine, which speaks RobotSensorInterface (RSI)."""

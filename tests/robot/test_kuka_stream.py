@@ -1,0 +1,175 @@
+"""Corrections for a KUKA arm, packet by packet, against the loopback controller without a wire."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from kuka_cell import HOME, KINEMATICS
+
+from tjscan.core import errors
+from tjscan.core.frames import Array
+from tjscan.robot.kuka.arm import rows_of_cycles
+from tjscan.robot.kuka.packets import PacketRefused, parse_packet
+from tjscan.robot.kuka.stream import CorrectionStream
+from tjscan.robot.path import MotionLimits, PathPlanner
+from tjscan_loopback.kuka.controller import LoopbackController, parse_answer
+
+CONTROLLER = ("10.0.0.5", 40001)
+CYCLE = 4e-3
+GOAL = HOME + np.radians([6.0, -3.0, 5.0, 2.0, -4.0, 8.0])
+PATH = PathPlanner(KINEMATICS, MotionLimits()).path_to_joint_angles(HOME, GOAL)
+ROWS = rows_of_cycles(PATH, CYCLE)
+
+WIRE = np.radians(1e-4)
+"""Radians: the last digit of what the controller sends."""
+
+
+class Pair:
+    """A controller and the stream that answers it, without a wire between them."""
+
+    def __init__(self, *, patience: int = 10_000) -> None:
+        self.said: list[str] = []
+        self.controller = LoopbackController(
+            KINEMATICS, HOME, cycle_ms=4, patience=patience, report_line=self.said.append
+        )
+        self.stream = CorrectionStream(CONTROLLER[0], "tjscan", CYCLE)
+        self.cycle()
+
+    def cycle(self, *, packet_lost: bool = False, answer_lost: bool = False) -> Array:
+        """One cycle; returns the joint angles that the controller commands after it."""
+        data = None
+        if not packet_lost:
+            data = self.stream.answer(self.controller.packet(), CONTROLLER)
+        answer = None if data is None else parse_answer(data)
+        if answer is not None:
+            assert answer.ipoc == self.controller.ipoc
+        self.controller.end_cycle(None if answer_lost else answer)
+        return self.controller.commanded
+
+    def begin(self) -> None:
+        self.stream.begin_move(ROWS, PATH.ramp)
+
+
+def test_a_path_is_run_through_a_row_a_cycle_to_its_end() -> None:
+    pair = Pair()
+    pair.begin()
+    for row in ROWS[1:]:
+        np.testing.assert_allclose(pair.cycle(), row, rtol=0, atol=WIRE)
+    assert not pair.stream.moving
+    np.testing.assert_allclose(pair.cycle(), GOAL, rtol=0, atol=WIRE)
+
+
+@given(st.lists(st.sampled_from(["packet", "answer", "", "", "", "", "", ""]), max_size=200))
+def test_what_is_lost_costs_time_and_never_speed(losses: list[str]) -> None:
+    pair = Pair()
+    pair.begin()
+    fastest = np.abs(np.diff(ROWS, axis=0)).max(axis=0) + WIRE
+    before = pair.controller.commanded
+    # Packets that are lost too often end the move; here it is the speed that counts.
+    for lost in [*losses, *[""] * len(ROWS)]:
+        now = pair.cycle(packet_lost=lost == "packet", answer_lost=lost == "answer")
+        assert (np.abs(now - before) <= fastest).all()
+        before = now
+    assert set(pair.said) <= {"at rest"}
+    if pair.stream.fault is None:
+        np.testing.assert_allclose(before, GOAL, rtol=0, atol=WIRE)
+    else:
+        assert not pair.stream.moving
+
+
+@given(st.integers(0, len(ROWS)))
+def test_it_brakes_along_its_path_within_the_ramp(begun: int) -> None:
+    pair = Pair()
+    pair.begin()
+    for _ in range(begun):
+        pair.cycle()
+    pair.stream.brake()
+    passed = [pair.cycle() for _ in range(int(PATH.ramp / CYCLE) + 2)]
+    assert not pair.stream.moving
+    np.testing.assert_array_equal(passed[-1], passed[-2])
+    # On the straight line in joint space from HOME to GOAL.
+    share = (passed[-1] - HOME) / (GOAL - HOME)
+    np.testing.assert_allclose(share, share.mean(), atol=1e-3)
+
+
+def test_no_other_path_is_begun_while_the_arm_moves() -> None:
+    pair = Pair()
+    pair.begin()
+    pair.cycle()
+    with pytest.raises(errors.ArmFault, match="still moves"):
+        pair.begin()
+
+
+def test_leaving_it_comes_to_rest_and_ends_the_motion() -> None:
+    pair = Pair()
+    pair.begin()
+    for _ in range(30):
+        pair.cycle()
+    pair.stream.leave()
+    while not pair.stream.ended:
+        pair.cycle()
+    assert pair.said == ["at rest", "ended"]
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda packet: packet.replace(b'D="0"', b'D="3"'), "before this program listened"),
+        (lambda packet: packet.replace(b'ASPos A1="-90', b'ASPos A1="-91'), "corrected the arm"),
+    ],
+)
+def test_rsi_that_ran_already_is_not_answered(change: object, word: str) -> None:
+    controller = LoopbackController(
+        KINEMATICS, HOME, cycle_ms=4, patience=9, report_line=lambda line: None
+    )
+    stream = CorrectionStream(CONTROLLER[0], "tjscan", CYCLE)
+    assert callable(change)
+    packet = change(controller.packet())
+    assert packet != controller.packet()
+    assert stream.answer(packet, CONTROLLER) is None
+    with pytest.raises(errors.ArmNotConnected, match=word):
+        stream.state()
+
+
+def test_a_later_packet_of_the_same_address_and_another_port_is_ignored() -> None:
+    pair = Pair()
+    for sender in (("10.0.0.6", 40001), ("10.0.0.5", 40002)):
+        assert pair.stream.answer(pair.controller.packet(), sender) is None
+    state = pair.stream.state()
+    assert state is not None
+    assert state.ignored == {"from another address": 2}
+    pair.cycle()
+
+
+@given(
+    st.binary(max_size=300) | st.text(alphabet='<>RobTypeKUKA="/ 01.', max_size=300).map(str.encode)
+)
+def test_nonsense_is_refused_by_name(data: bytes) -> None:
+    with pytest.raises(PacketRefused):
+        parse_packet(data)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        (b'Type="KUKA"', b'Type="KAKU"', "Type 'KAKU'"),
+        (b"Rob", b"Bor", "<Bor>"),
+        (b"<Delay ", b"<Dolay ", "no <Delay>"),
+        (b'A6="', b'A7="', "<AIPos> has not a number for each"),
+        (b'AIPos A1="-90.0000"', b'AIPos A1="nan"', "<AIPos>"),
+        (b"<IPOC>", b"<IPOC>-", "no time stamp"),
+        (b"<IPOC>", b"<IPOC>1234567890123456", "no time stamp"),
+        (b"</Rob>", b"", "no XML"),
+        (b"</Rob>", b" " * 5000 + b"</Rob>", "longer"),
+    ],
+)
+def test_a_packet_that_is_not_the_controllers_is_refused_by_name(
+    old: bytes, new: bytes, word: str
+) -> None:
+    packet = Pair().controller.packet()
+    parse_packet(packet)
+    assert old in packet
+    with pytest.raises(PacketRefused, match=word):
+        parse_packet(packet.replace(old, new))

@@ -1,0 +1,1 @@
+"""A KUKA arm over RobotSensorInterface (RSI)."""

@@ -1,0 +1,222 @@
+"""A KUKA arm behind the `Arm` protocol, moved by corrections over RobotSensorInterface.
+
+A process of its own answers the controller in every cycle (`client`); this one plans each move,
+hands it the joint angles of every cycle, and watches it. After a fault the arm takes no more
+commands: nothing resumes by itself.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from math import ceil
+from typing import Any, Final, Self
+
+import numpy as np
+
+from tjscan.core import errors
+from tjscan.core.frames import Array
+from tjscan.core.process import ClientProcess
+from tjscan.robot.arm import STATE_READING_PAUSE, ArmState
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.kuka.client import LEAVE_LIMIT
+from tjscan.robot.kuka.packets import AXIS_NAMES
+from tjscan.robot.kuka.settings import KukaSettings
+from tjscan.robot.kuka.stream import StreamState
+from tjscan.robot.path import JointTrajectory, MotionLimits
+from tjscan.robot.planned import PathPlan, PlannedArm
+
+CLIENT_START_LIMIT: Final = 30.0
+"""Seconds within which the client starts; a busy machine takes its time."""
+
+CLIENT_ANSWER_LIMIT: Final = 3.0
+"""Seconds within which the client answers."""
+
+WRONG_ARM_MODEL_DISTANCE: Final = 0.005
+"""Metres between the flange as the controller and as the model has it, beyond calibration."""
+
+ARRIVAL_SETTLE_TIMEOUT: Final = 1.0
+"""Seconds on the controller's clock that the arm may lag behind what was sent."""
+
+REST_TURN: Final = 2e-5
+"""Radians a joint turns at most while the arm rests, an assumption about its encoders."""
+
+REST_DURATION: Final = 0.05
+"""Seconds on the controller's clock for which it does, then."""
+
+
+def rows_of_cycles(path: JointTrajectory, cycle: float) -> Array:
+    """Joint angles of a path in each cycle, shape (m, n): from its start, rest to rest."""
+    count = ceil(path.duration / cycle)
+    return path.joint_angles_at(np.linspace(0.0, count * cycle, count + 1))
+
+
+class KukaArm(PlannedArm):
+    """A KUKA arm, or the loopback controller in its place.
+
+    Its poses are computed from its joint angles by the model.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm as its maker draws it, six joints.
+    settings : KukaSettings
+        Where its controller is.
+    limits : MotionLimits, optional
+        How fast it may move.
+    """
+
+    def __init__(
+        self, kinematics: Kinematics, settings: KukaSettings, limits: MotionLimits | None = None
+    ) -> None:
+        if len(kinematics.lower) != len(AXIS_NAMES):
+            message = f"RSI moves six joints, {kinematics.name} has {len(kinematics.lower)}"
+            raise errors.ConfigurationError(message, key="arm.model")
+        super().__init__(kinematics, limits)
+        self.settings = settings
+        self._link: ClientProcess | None = None
+        self._fault: errors.ArmFault | None = None
+        self._noted: set[str] = set()
+
+    def __enter__(self) -> Self:
+        """Wait until the controller sends, and hold the arm where it is; nothing moves.
+
+        Raises
+        ------
+        ArmFault
+            If it does not send, or RSI ran already.
+        ConfigurationError
+            If it is another model than it should be.
+        """
+        self._latch.clear_stop()
+        self._fault, self._noted = None, set()
+        self._link = ClientProcess(
+            "tjscan.robot.kuka.client",
+            "the client of the arm's controller",
+            errors.ArmConnectionLost,
+            errors.ArmNotResponding,
+        )
+        try:
+            self._ask_client("connect", self.settings, limit=CLIENT_START_LIMIT)
+            self._await_first_packet()
+            self._check_arm_model()
+        except BaseException:
+            self._disconnect()
+            raise
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        """Bring the arm to rest, let the controller end RSI, and disconnect."""
+        self.stop()
+        self._disconnect()
+
+    def state(self) -> ArmState:
+        """Joint angles, flange pose and time, as the controller reports them."""
+        return self._arm_state(self._read_state())
+
+    def _move(self, plan: PathPlan, T_b_f: Array, *, linear: bool) -> ArmState:
+        with self._latch.hold_for_move():
+            path = plan(self._read_state().command)
+            if path.duration > 0:
+                rows = rows_of_cycles(path, self.settings.cycle)
+                try:
+                    with self._latch.begin_move_unless_stopped():
+                        self._ask_client("begin_move", rows, path.ramp)
+                    self._follow_move_to_its_end()
+                except BaseException:
+                    with suppress(errors.ArmFault):
+                        self._ask_client("stop_move")
+                        self._await_rest()
+                    raise
+            return self._await_arrival(T_b_f)
+
+    def _follow_move_to_its_end(self) -> None:
+        while self._read_state().moving:
+            if self._latch.wait_for_stop(STATE_READING_PAUSE):
+                raise errors.ArmFault(
+                    "the arm was stopped on its way. See that the way is clear, then move again "
+                    "from where it is."
+                )
+
+    def _await_arrival(self, T_b_f: Array) -> ArmState:
+        """Wait until the arm rests where it was sent; else it takes no more commands."""
+
+        def compare(now: StreamState) -> tuple[float, float, bool]:
+            return self.settings.compare_with_wanted_pose(self._arm_state(now).T_b_f, T_b_f)
+
+        now = self._await_rest(lambda now: compare(now)[2])
+        (distance, angle, near), reached = compare(now), self._arm_state(now)
+        if not near:
+            self._fault = errors.PoseNotReached(
+                f"it is {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from there. See "
+                "that nothing holds the arm, and that no limit of its RSI context does, then start "
+                "again.",
+                T_b_f,
+                reached.T_b_f,
+            )
+            raise self._fault
+        return reached
+
+    def _await_rest(self, arrived: Callable[[StreamState], bool] = lambda now: True) -> StreamState:
+        """Wait until the arm rests after a path, and has arrived, but not for ever."""
+        ended = still = self._read_state()
+        while True:
+            now = self._read_state()
+            ended = now if now.moving else ended
+            still = now if np.abs(now.q - still.q).max() > REST_TURN else still
+            rests = now.time >= max(still.time, ended.time) + REST_DURATION
+            if (rests and arrived(now)) or now.time > ended.time + ARRIVAL_SETTLE_TIMEOUT:
+                return now
+            time.sleep(STATE_READING_PAUSE)
+
+    def _await_first_packet(self) -> None:
+        settings, until = self.settings, time.monotonic() + self.settings.connect_limit
+        place = f"the controller at {settings.host} on port {settings.port} of {settings.bind}"
+        self._listener("connecting", f"waits for {place}: start its RSI program on the pendant")
+        while self._ask_client("read_state") is None:
+            if time.monotonic() > until:
+                raise errors.ArmNotConnected(
+                    f"no packet came from {place} for {settings.connect_limit:g} s. Start the RSI "
+                    "program on its pendant while this program waits; see that its configuration "
+                    "names this address and port, and that no firewall is between."
+                )
+            self._latch.wait_for_stop(STATE_READING_PAUSE)
+
+    def _check_arm_model(self) -> None:
+        state = self._read_state()
+        apart = np.linalg.norm(self.kinematics.forward(state.q)[:3, 3] - state.tool_b)
+        if apart > WRONG_ARM_MODEL_DISTANCE:
+            raise errors.ConfigurationError(
+                f"the controller has its flange {1e3 * apart:.0f} mm from where a "
+                f"{self.kinematics.name} with these joint angles has it: name the right arm, or "
+                "let its program set $TOOL to $NULLFRAME and $BASE to $ROBROOT",
+                key="arm.model",
+            )
+
+    def _read_state(self) -> StreamState:
+        state: StreamState = self._ask_client("read_state")
+        for what in state.ignored.keys() - self._noted:
+            self._noted.add(what)
+            self._listener("packets", f"there were packets of the controller {what}")
+        return state
+
+    def _arm_state(self, state: StreamState) -> ArmState:
+        return ArmState(state.q, self.kinematics.forward(state.q), state.time)
+
+    def _ask_client(self, name: str, *arguments: object, limit: float = CLIENT_ANSWER_LIMIT) -> Any:
+        """Call a method of the client; raises the arm's fault if there is one."""
+        if self._fault is not None:
+            raise self._fault
+        if self._link is None:
+            raise errors.ArmFault("the arm is not connected: use it inside a 'with' block")
+        answer = self._link.call_method(name, *arguments, limit=limit)
+        if isinstance(answer.failure, errors.ArmFault):
+            self._fault = answer.failure
+            raise self._fault
+        return answer.value
+
+    def _disconnect(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            link.close(patience=LEAVE_LIMIT)
