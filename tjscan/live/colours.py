@@ -55,6 +55,12 @@ class ColourScale:
         share = min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
         return viridis_colours()[round(share * (len(viridis_colours()) - 1))]
 
+    @property
+    def css_gradient(self) -> str:
+        """The scale as a CSS gradient from left to right."""
+        stops = [viridis_colours()[k] for k in range(0, 256, 51)]
+        return f"linear-gradient(90deg,{','.join(f'rgb{stop}' for stop in stops)})"
+
 
 def round_scale_ends(values: Iterable[float]) -> tuple[float, float]:
     """Ends that hold all values that are known, rounded outwards.

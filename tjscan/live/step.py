@@ -129,6 +129,14 @@ class StateDiagram:
     now: str
     alarm: str = ""
 
+    def ways_from(self, state: str) -> list[tuple[str, str]]:
+        """States that a state leads to, with all events that do so."""
+        labels: dict[str, list[str]] = {}
+        for start, end, label in self.transitions:
+            if start == state:
+                labels.setdefault(end, []).append(label)
+        return [(end, ", ".join(events)) for end, events in labels.items()]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
