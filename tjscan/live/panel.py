@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 import viser
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tjscan.core.frames import Array
 from tjscan.live.colours import ColourScale, scale_ticks
@@ -42,7 +42,12 @@ LINE_HEIGHT: Final = 14.0
 CLOCK_HOURS: Final = 12.0
 
 HTML_MACROS: Final = (
-    Environment(loader=PackageLoader("tjscan.live", "."), autoescape=True, trim_blocks=True)
+    Environment(
+        loader=PackageLoader("tjscan.live", "."),
+        autoescape=True,
+        trim_blocks=True,
+        undefined=StrictUndefined,
+    )
     .get_template("panel.html.jinja")
     .module
 )
