@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from tjscan.core import errors
 from tjscan.core.frames import Array
 from tjscan.robot.kuka.arm import rows_of_cycles
 from tjscan.robot.kuka.packets import PacketRefused, parse_packet
-from tjscan.robot.kuka.stream import CorrectionStream
+from tjscan.robot.kuka.stream import SHORTEST_PAUSE, CorrectionStream
 from tjscan.robot.path import MotionLimits, PathPlanner
 from tjscan_loopback.kuka.controller import LoopbackController, parse_answer
 
@@ -68,15 +70,59 @@ def test_what_is_lost_costs_time_and_never_speed(losses: list[str]) -> None:
     fastest = np.abs(np.diff(ROWS, axis=0)).max(axis=0) + WIRE
     before = pair.controller.commanded
     # Packets that are lost too often end the move; here it is the speed that counts.
-    for lost in [*losses, *[""] * len(ROWS)]:
+    left = iter([*losses, ""])
+    while (lost := next(left, None)) is not None or pair.stream.moving:
         now = pair.cycle(packet_lost=lost == "packet", answer_lost=lost == "answer")
         assert (np.abs(now - before) <= fastest).all()
         before = now
+    before = pair.cycle()
     assert set(pair.said) <= {"at rest"}
     if pair.stream.fault is None:
         np.testing.assert_allclose(before, GOAL, rtol=0, atol=WIRE)
     else:
         assert not pair.stream.moving
+
+
+def test_after_a_pause_the_path_begins_slowly_again() -> None:
+    pair = Pair()
+    pair.begin()
+    for _ in range(len(ROWS) // 2):
+        pair.cycle()
+    before = pair.cycle()
+    for _ in range(SHORTEST_PAUSE):
+        paused = pair.cycle(answer_lost=True)
+    np.testing.assert_array_equal(paused, before)
+    steps = np.abs(np.diff([paused, *(pair.cycle() for _ in range(40))], axis=0)).max(axis=1)
+    grows = np.abs(np.diff(ROWS, axis=0)).max() * CYCLE / PATH.ramp
+    assert steps[-1] > 0
+    assert steps[0] <= 2 * grows + WIRE
+    assert np.diff(steps).max() <= 2 * grows + WIRE
+
+
+def test_a_program_that_is_started_again_is_not_answered() -> None:
+    """Its corrections count from where the arm is now: the old ones would move it by them all."""
+    pair = Pair()
+    pair.begin()
+    while pair.stream.moving:
+        pair.cycle()
+    ipoc = pair.controller.ipoc
+    later = pair.controller.packet().replace(str(ipoc).encode(), str(ipoc + 300).encode())
+    assert pair.stream.answer(later, CONTROLLER) is None
+    assert isinstance(pair.stream.fault, errors.ArmConnectionLost)
+    silent = Pair()
+    silent.stream.fail_for_silence(0.5)
+    assert silent.stream.answer(silent.controller.packet(), CONTROLLER) is None
+
+
+@pytest.mark.parametrize("noise_deg", [0.0, 0.0008])
+def test_an_arm_that_is_held_is_seen_whatever_its_encoders_noise(noise_deg: float) -> None:
+    pair = Pair()
+    pair.begin()
+    held = parse_packet(pair.controller.packet())
+    for k in range(len(ROWS)):
+        pair.stream._advance()
+        pair.stream._check_arm_follows(replace(held, q=HOME + np.radians(noise_deg) * (k % 2)))
+    assert isinstance(pair.stream.fault, errors.ProtectiveStop)
 
 
 @given(st.integers(0, len(ROWS)))

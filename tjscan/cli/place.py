@@ -65,7 +65,6 @@ def place(
     if Path(arm).suffix == ".urdf":  # the template names another folder's
         arm = str(Path(arm).absolute())
     keys = parse_overrides(overrides) | {"arm.model": arm}
-    keys |= {"arm.driver": "simulated", "laser.driver": "simulated"}  # nothing real is moved
     with TemporaryDirectory() as name:
         if template is None:
             for given, text in files_of_example("ur10e").items():

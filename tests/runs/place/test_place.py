@@ -153,7 +153,10 @@ def real_cell(tmp_path: Path) -> Path:
 
 
 def test_a_place_from_which_a_scan_ends_early_is_given_up_and_nothing_real_moves(
-    tmp_path: Path, real_cell: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    real_cell: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     out = tmp_path / "elsewhere" / "job.toml"
     words = ("--template", real_cell, "--tilt-deg", "45", "--out", out)
@@ -171,6 +174,15 @@ def test_a_place_from_which_a_scan_ends_early_is_given_up_and_nothing_real_moves
         if len(tried) == 3:
             raise StitchingRefused("joint not found", "seen over too little of its circumference")
 
+    def fit_none(stations: Sequence[Station], settings: StitchSettings) -> None:
+        raise StitchingRefused("joint not found", "seen over too little of its circumference")
+
+    def search(self: _Search) -> list[ReachedArc]:
+        found.append(arcs(self))
+        return found[0]
+
+    found, arcs = list[list[ReachedArc]](), _Search.arcs
+    monkeypatch.setattr("tjscan.runs.place.job._Search.arcs", search)
     monkeypatch.setattr("tjscan.runs.place.job.scan_in_cell", scan)
     monkeypatch.setattr("tjscan.runs.place.job.fit_tubes_to_stations", fit)
     joint = CAD / "tjoint-406x324.toml"
@@ -179,6 +191,15 @@ def test_a_place_from_which_a_scan_ends_early_is_given_up_and_nothing_real_moves
     stations = [job.station[0].position for job in tried]
     assert placed == set(stations[3:])
     assert not placed & set(stations[:3])
+    monkeypatch.setattr("tjscan.runs.place.job._Search.arcs", lambda self: found[0])
+    monkeypatch.setattr("tjscan.runs.place.job._Search.longest_unhindered", 120, raising=False)
+    tried[:] = []
+    monkeypatch.setattr("tjscan.runs.place.job.fit_tubes_to_stations", fit_none)
+    other = tmp_path / "other.toml"
+    assert tjscan("place", joint, "ur10e", *words[:-1], other, pictures=True) == 1
+    told = " ".join(capsys.readouterr().err.split())
+    assert "places were given up, the last because" in told
+    assert "seen over too little" in told
 
 
 def test_an_arm_that_is_too_small_is_told(

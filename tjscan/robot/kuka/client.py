@@ -32,7 +32,7 @@ UNSUPERVISED_MOVE_LIMIT: Final = 1.0
 MOST_AT_ONCE: Final = 256
 """Packets that are taken before anything else is looked at."""
 
-LEAVE_LIMIT: Final = 3.0
+LEAVE_LIMIT: Final = 15.0
 """Seconds in which the arm comes to rest once the main process is gone."""
 
 
@@ -59,11 +59,11 @@ class RsiClient:
             address = socket.gethostbyname(settings.host)
             link.setblocking(False)
             link.bind((settings.bind, settings.port))
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             link.close()
             raise errors.ArmNotConnected(
                 f"port {settings.port} of {settings.bind} can't be listened on for the controller "
-                f"at {settings.host} ({error.strerror or error}). See that bind is this computer's "
+                f"at {settings.host} ({error}). See that bind is this computer's "
                 "address in its RSI network, and that no other program listens there."
             ) from None
         self._stream = CorrectionStream(address, settings.sen_type, settings.cycle)
@@ -114,7 +114,8 @@ class RsiClient:
                 if answer is not None:
                     self._heard = time.monotonic()
                     answered += 1
-                    link.sendto(answer, sender)
+                    with suppress(OSError):  # what can't be sent is lost, as on the way
+                        link.sendto(answer, sender)
         self._stream.note_waiting(answered)
 
     def _watch(self) -> None:

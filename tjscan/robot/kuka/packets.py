@@ -67,9 +67,11 @@ def parse_packet(data: bytes) -> RobPacket:
     """
     if len(data) > LARGEST_PACKET:
         raise PacketRefused(f"it is longer than {LARGEST_PACKET} bytes")
+    if b"<!" in data:
+        raise PacketRefused("it declares a document type")
     try:
         root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, ValueError) as error:
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise PacketRefused(f"it is no XML ({error})") from None
     if (root.tag, root.get("Type")) != ("Rob", "KUKA"):
         found = f"a <{root.tag}> of Type {root.get('Type')!r}"

@@ -20,6 +20,9 @@ from tjscan.robot.kuka.packets import RobPacket
 MOST_LOST: Final = 5
 """Packets that may be lost lately; see `FORGIVEN_SHARE`."""
 
+SHORTEST_PAUSE: Final = 3
+"""Unanswered packets in a row after which the arm stands, and its path begins slowly again."""
+
 FORGIVEN_SHARE: Final = 0.01
 """Share of a lost, late or waiting packet that each good one makes up for."""
 
@@ -29,8 +32,8 @@ START_TOLERANCE: Final = np.radians(0.1)
 STANDING_DISTANCE: Final = np.radians(0.5)
 """Radians that a joint is away from where it was sent, if the arm is held."""
 
-STANDING_TURN: Final = 1e-5
-"""Radians that a joint turns in a cycle, if it moves."""
+STANDING_TURN: Final = np.radians(0.01)
+"""Radians that no joint of a standing arm turns from where it came to stand: encoders are noisy."""
 
 STANDING_LIMIT: Final = 0.3
 """Seconds for which an arm that was sent on may stand: longer than any arm lags."""
@@ -98,7 +101,8 @@ class CorrectionStream:
         self._port = 0
         self._ignored: Counter[str] = Counter()
         self._lost = self._late = self._waited = 0.0
-        self._stood = self._rested = 0
+        self._stood = self._rested = self._paused = 0
+        self._stood_at = np.full(6, np.inf)
         self._base = np.zeros(6)
         self._follow(self._base[None], cycle)
 
@@ -124,7 +128,7 @@ class CorrectionStream:
             return None
         else:
             self._rewind(self._packet, packet)
-            self._check_arm_follows(self._packet, packet)
+            self._check_arm_follows(packet)
         self._packet = packet
         if self.ended:
             return None
@@ -157,7 +161,8 @@ class CorrectionStream:
     @property
     def moving(self) -> bool:
         """Whether a path is run through."""
-        return self._rate > 0 and self._sent[-1] < len(self._rows) - 1
+        held = self._braking and self._rate == 0
+        return not held and self._sent[-1] < len(self._rows) - 1
 
     def begin_move(self, q: Array, ramp: float) -> None:
         """Begin to run through a path.
@@ -199,7 +204,10 @@ class CorrectionStream:
         self._waited = max(self._waited - FORGIVEN_SHARE * count, count - 1)
 
     def fail_for_silence(self, seconds: float) -> None:
-        """Fail because no new packet came for some seconds, by which side fell silent first."""
+        """Fail because no new packet came for some seconds, by which side fell silent first.
+
+        Nothing is answered any more: corrections of a program that is started again count anew.
+        """
         ignored = "".join(
             f"; {count} packets {what} were ignored" for what, count in self._ignored.items()
         )
@@ -223,7 +231,8 @@ class CorrectionStream:
             errors.ArmNotResponding(
                 f"nothing new came from the arm's controller for {seconds:g} s: RSI has ended, or "
                 f"it is silent{ignored}. Read its pendant's messages, then start again."
-            )
+            ),
+            silent=True,
         )
 
     def _follow(self, q: Array, ramp: float) -> None:
@@ -260,12 +269,16 @@ class CorrectionStream:
                     f"the IPOC of the arm's controller jumped from {before.ipoc} to {packet.ipoc}, "
                     f"where cycle_ms = {period}. See that this is its cycle and the network loses "
                     f"nothing. {CABLE_ADVICE}"
-                )
+                ),
+                silent=lost > MOST_LOST,  # long enough for a program that was started again
             )
+        self._paused = self._paused + max(late, lost) if max(late, lost) > 0 else 0
+        if self._paused >= SHORTEST_PAUSE:
+            self._rate = 0.0
         for _ in range(min(late - lost, len(self._sent) - 1)):
             self._sent.pop()
 
-    def _check_arm_follows(self, before: RobPacket, packet: RobPacket) -> None:
+    def _check_arm_follows(self, packet: RobPacket) -> None:
         if packet.program not in (None, packets.PROGRAM_ACTIVE):
             self.fail(
                 errors.ProgramStopped(
@@ -274,9 +287,10 @@ class CorrectionStream:
                 ),
                 silent=True,
             )
-        stands = np.abs(packet.q - before.q).max() < STANDING_TURN
+        moved = np.abs(packet.q - self._stood_at).max() > STANDING_TURN
         away = np.abs(packet.q - self._command).max() > STANDING_DISTANCE
-        self._stood = self._stood + 1 if stands and away else 0
+        self._stood = 0 if moved or not away else self._stood + 1
+        self._stood_at = packet.q if moved else self._stood_at
         if self._stood * self._cycle > STANDING_LIMIT:
             self.fail(
                 errors.ProtectiveStop(
@@ -288,8 +302,8 @@ class CorrectionStream:
             )
 
     def _advance(self) -> None:
-        if self._braking:
-            self._rate = max(self._rate - self._drop, 0.0)
+        by = -self._drop if self._braking else self._drop
+        self._rate = min(max(self._rate + by, 0.0), 1.0)
         place = min(self._sent[-1] + self._rate, len(self._rows) - 1.0)
         self._sent.append(place)
         i = int(place)

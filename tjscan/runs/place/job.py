@@ -19,6 +19,7 @@ from tjscan.core.errors import (
     LaserFault,
     PoseUnreachable,
     StitchingRefused,
+    message_with_notes,
 )
 from tjscan.core.frames import Array, Mask, inverse_pose, pose, rot_y, transform_points
 from tjscan.job.cell import SensorMount, joint_scene, make_cell, sensor_mount_of_job
@@ -138,7 +139,8 @@ def place_joint(
     JointOutOfReach
         If no seven stations scan the groove all round.
     """
-    job, joint = read_scan_job(template, dict(overrides)), read_joint(joint_file)
+    simulated = dict.fromkeys(("arm.driver", "laser.driver"), "simulated")  # nothing real is moved
+    job, joint = read_scan_job(template, dict(overrides) | simulated), read_joint(joint_file)
     scan = replace(job.scan, direction=direction, length=None, sections=None)
     view = replace(scan, length=2 * np.pi * joint.brace_radius, sections=None)
     window = job.laser.near, job.laser.far
@@ -146,14 +148,23 @@ def place_joint(
     plan = replace(scan, standoff=centred.standoff, offset=centred.offset)
     mount = sensor_mount_of_job(job, template)
     searched = _Search(job, joint, plan, mount.T_f_s, tilt)
-    arcs, whole = searched.arcs(), list[ReachedArc]()
+    arcs, whole, given_up = searched.arcs(), list[ReachedArc](), list[str]()
     while True:
-        stations = searched.fewest_stations(arcs)
+        try:
+            stations = searched.fewest_stations(arcs)
+        except JointOutOfReach as error:
+            if not given_up:
+                raise
+            raise JointOutOfReach(
+                f"{error}. {len(given_up)} places were given up, the last because a simulated "
+                f"scan there ended: {given_up[-1]}"
+            ) from None
         table = _job_table(searched, stations)
         made = validate_table(ScanJob, table)
         for arc, at_station in zip(stations, made.jobs_at_stations, strict=True):
             if not any(arc is one for one in whole):
-                if not _scans_whole(at_station, joint, mount):
+                if reason := _hindrance_of_scan(at_station, joint, mount):
+                    given_up.append(reason)
                     arcs = [one for one in arcs if one is not arc]
                     break
                 whole.append(arc)
@@ -165,17 +176,17 @@ def place_joint(
     return PlacedJoint(joint, searched.T_w_j, stations, searched.azimuths, table)
 
 
-def _scans_whole(job: ScanJob, joint: JointDefinition, mount: SensorMount) -> bool:
-    """Whether a simulated scan does all that its job asks, and shows where the joint is."""
+def _hindrance_of_scan(job: ScanJob, joint: JointDefinition, mount: SensorMount) -> str:
+    """Why a simulated scan does not do all that its job asks, or shows too little; or nothing."""
     cell = make_cell(job, mount, partial(joint_scene, job, joint))
     try:
         result = scan_in_cell(cell, job, CombinedJournal())
         sections, read = result.sections, groove_reader_of_job(job)
         station = station_from_recording("", job.station[0].T, sections, result.views, read)
         fit_tubes_to_stations((station,), DEFAULT_STITCH_SETTINGS)
-    except (ArmFault, LaserFault, StitchingRefused):
-        return False
-    return plan_is_fulfilled(result.stop, job.scan)
+    except (ArmFault, LaserFault, StitchingRefused) as error:
+        return message_with_notes(error)
+    return "" if plan_is_fulfilled(result.stop, job.scan) else result.detail
 
 
 def _path_from(folder: Path, file: Path) -> str:
@@ -326,7 +337,7 @@ def _job_table(searched: _Search, stations: tuple[ReachedArc, ...]) -> dict[str,
         "joint": {"file": "", **pose_to_table(searched.T_w_j)},
     }
     simulation = {"seed": 1, "arm": {}} | (table.get("simulation") or {})
-    simulation["arm"] = simulation["arm"] | {"home_deg": made[0][1]}
+    simulation["arm"] = simulation["arm"] | {"home_deg": made[0][1], "realtime": False}
     simulation["station"] = [
         {"name": name, **pose_to_table(arc.T_w_b), "home_deg": home}
         for name, arc, (_, home) in zip(names, stations, made, strict=True)
