@@ -206,7 +206,7 @@ class CorrectionStream:
     def fail_for_silence(self, seconds: float) -> None:
         """Fail because no new packet came for some seconds, by which side fell silent first.
 
-        Nothing is answered any more: a program that is started again corrects from where the arm is.
+        Nothing is answered any more: a program that is started again counts from where the arm is.
         """
         ignored = "".join(
             f"; {count} packets {what} were ignored" for what, count in self._ignored.items()
