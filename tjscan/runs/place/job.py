@@ -162,12 +162,13 @@ def place_joint(
         table = _job_table(searched, stations)
         made = validate_table(ScanJob, table)
         for arc, at_station in zip(stations, made.jobs_at_stations, strict=True):
-            if not any(arc is one for one in whole):
-                if reason := _hindrance_of_scan(at_station, joint, mount):
-                    given_up.append(reason)
-                    arcs = [one for one in arcs if one is not arc]
-                    break
-                whole.append(arc)
+            if any(arc is one for one in whole):
+                continue
+            if reason := _hindrance_of_scan(at_station, joint, mount):
+                given_up.append(reason)
+                arcs = [one for one in arcs if one is not arc]
+                break
+            whole.append(arc)
         else:
             break
     table["joint"]["file"] = _path_from(folder, joint_file)
