@@ -33,8 +33,8 @@ DASHBOARD_PORT: Final = 29999
 CONTROLLER_VERSION: Final = (5, 23, 0, 1101319)
 """Of the controller it pretends to be: an e-Series arm that has remote control."""
 
-LARGEST_DELAY: Final = 0.1
-"""Seconds by which the clock may be late before it lets the lost ticks go."""
+LARGEST_DELAY: Final = 0.5
+"""Seconds of ticks that it catches up with when it was held up; the arm stands still for more."""
 
 MOST_WAITING: Final = 1 << 16
 """Bytes that wait for a client that does not read; more are not sent."""
@@ -112,7 +112,10 @@ class LoopbackServer:
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
-            due = max(due + 1 / (self.hz * self.rate), loop.time() - LARGEST_DELAY)
+            due += 1 / (self.hz * self.rate)
+            if (lost := loop.time() - LARGEST_DELAY - due) > 0:
+                due += lost
+                self.controller.clock += lost * self.rate
             await asyncio.sleep(max(due - loop.time(), 0))
             if self.controller.frozen:
                 continue

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import resource
+import signal
 import socket
 import struct
+import time
 from contextlib import closing, suppress
 from pathlib import Path
 from random import Random
@@ -57,6 +60,27 @@ def test_a_script_without_an_end_is_not_kept_for_ever() -> None:
                 wire.sendall(b"def f():\n" + b" " * 100_000)
         loopback.wait_for_line("hung up")
         assert _memory(loopback.pid) - before < 50 << 20
+
+
+@pytest.mark.parametrize("held", [0.3, 1.0])
+def test_its_clock_goes_on_while_it_is_held_up(held: float) -> None:
+    with UrLoopbackProcess(address()) as loopback:
+        before = _clock_behind(loopback.host)
+        os.kill(loopback.pid, signal.SIGSTOP)
+        time.sleep(held)
+        os.kill(loopback.pid, signal.SIGCONT)
+        assert _clock_behind(loopback.host) - before < 0.5 * held
+
+
+def _clock_behind(host: str) -> float:
+    """Seconds that the clock is behind this machine's, by the quickest of 300 states."""
+    receive = pytest.importorskip("rtde_receive").RTDEReceiveInterface(host)
+    behind: dict[float, float] = {}
+    while len(behind) < 300:
+        shown = receive.getTimestamp()
+        behind.setdefault(shown, time.monotonic() - shown)
+    receive.disconnect()
+    return min(behind.values())
 
 
 def _memory(pid: int) -> int:
