@@ -7,6 +7,7 @@ import shutil
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -193,11 +194,13 @@ def test_an_interrupted_crawl_goes_on_in_the_same_metal_as_it_was_planned(
         look_at_finished_weld(cut_short)
 
 
-def test_where_beads_end_a_replay_reads_as_little_as_the_crawl(cut_short: Path) -> None:
+def test_where_beads_end_a_replay_reads_as_little_as_the_crawl(
+    cut_short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = cut_short / "job.toml"
     context, found = CrawlContext(read_crawl_job(file), file), read_recorded_crawl(cut_short)
     planner = CrawlPassPlanner(context.job, read_wps(WPS))
-    planner._behind = 0.0
+    monkeypatch.setattr(planner, "planner", SimpleNamespace(done=1))
     ahead, read = context.job.vehicle.laser_to_torch, set[bool]()
     for cycle, placement in _read_again(found, context.make_reader(), planner):
         if placement is not None:
@@ -440,6 +443,16 @@ def test_neither_spatter_nor_an_unread_profile_hides_where_the_first_bead_ends(
 
     monkeypatch.setattr(planner, "_metal_along", metal)
     assert planner._distance_behind() == pytest.approx(5e-3, abs=1.2e-3)
+
+
+def test_where_the_first_bead_ends_is_unknown_if_nothing_was_seen_beyond(job_file: Path) -> None:
+    job = read_crawl_job(job_file, TEN_PASSES)
+    planner = CrawlPassPlanner(job, read_wps(WPS))
+    show(planner, job, np.arange(-0.036, -0.004, 1e-3))
+    assert max(at for at, _, _ in planner._seen) < job.weld.length
+    planner._bare = list(planner._seen)
+    planner._toes_u = np.tile((-8e-3, 8e-3), (len(planner.s), 1))
+    assert planner._distance_behind() is None
 
 
 def test_a_bead_far_from_where_the_torch_should_be_ends_the_crawl(job_file: Path) -> None:

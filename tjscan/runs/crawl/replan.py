@@ -124,7 +124,7 @@ class CrawlPassPlanner:
     def at_bead_end(self, at: float) -> bool:
         """See `JointLook.at_bead_end`: of the first bead alone, both edges are seen beside it."""
         off = min(abs(self._place(at)), abs(self._place(at) - self.job.weld.length))
-        return self._behind is not None and off < BEAD_END_REACH
+        return self.planner is not None and self.planner.done > 0 and off < BEAD_END_REACH
 
     def _place(self, at: float) -> float:
         """Where along the weld the torch comes to what the laser sees at a place, metres."""
@@ -227,16 +227,19 @@ class CrawlPassPlanner:
         self.planner = WeldPlanner(belief, bead_order(self.job, self.wps), self.wps)
         return self.planner, look
 
-    def _distance_behind(self) -> float:
+    def _distance_behind(self) -> float | None:
         """How far behind the place that tracks show the torch laid the first bead, metres.
 
         Tracks slip between where the laser sees a place and where the torch comes to it. Where the
         bead ends shows by how much, to a millimetre; the laser need not come to where it begins.
+        None if nothing was seen beyond it.
         """
         end = self.job.weld.length
         x = np.arange(0.0, end + MOST_BEHIND, PROFILE_SPACING)
         grown = self._metal_along(self._seen, x) - self._metal_along(self._bare, x)
-        welded = grown > np.nanmedian(grown[x < end]) / 2 if np.isfinite(grown[-1]) else x < end
+        if not np.isfinite(grown[-1]):
+            return None
+        welded = grown > np.nanmedian(grown[x < end]) / 2
         # Most places before the end are welded, and most beyond it are not, whatever spatters.
         behind = end - PROFILE_SPACING - float(x[np.where(welded, 1, -1).cumsum().argmax()])
         if abs(behind) > MOST_BEHIND - 2 * PROFILE_SPACING:
