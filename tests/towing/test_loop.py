@@ -103,6 +103,16 @@ def test_a_seam_is_welded_at_its_speed_with_every_vehicle_where_it_was_sent() ->
         np.testing.assert_allclose(cycle.poses[:, :2], cycle.targets[:, :2], atol=2e-3)
 
 
+def test_vehicles_drive_on_while_a_slow_computer_plans_and_nobody_counts_as_moved() -> None:
+    def think(tip: Array) -> str:
+        rig.team.advance_to(rig.team.time + 0.04)
+        return ""
+
+    rig = Rig(halt=think)
+    rig.run()
+    assert rig.kept.names == ["start", "welded"]
+
+
 def test_a_plan_that_halts_stops_the_weld_and_a_short_halt_is_waited_out() -> None:
     rig = Rig(halt=lambda tip: "something is in the way" if 10 < rig.team.time < 11 else "")
     rig.run()

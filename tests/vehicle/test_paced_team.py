@@ -3,6 +3,8 @@
 import threading
 from typing import Self
 
+import pytest
+
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import VehicleFault, VehicleLinkLost
 from tjscan.vehicle.paced_team import PacedTeam
@@ -58,3 +60,28 @@ def test_each_vehicle_gives_its_newest_state_or_what_is_wrong_with_it() -> None:
     assert "broker" in str(states[2])
     assert ("hello", "vehicle 2: it is on") in events
     assert all(vehicle.stopped.is_set() for vehicle in vehicles)
+
+
+class DrivingVehicle(ScriptedVehicle):
+    """It drives for four of the five states that it gives before anybody asks."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.states = iter(VehicleState(0.1 * n, Twist(0.01 * (n < 4), 0.0)) for n in range(5))
+
+    def next_state(self) -> VehicleState:
+        if (state := next(self.states, None)) is None:
+            self.read.set()
+            self.stopped.wait()
+            raise VehicleLinkLost("it ended")
+        return state
+
+
+def test_no_way_is_forgotten_of_what_came_while_nobody_asked() -> None:
+    vehicle = DrivingVehicle()
+    with PacedTeam([vehicle]) as team:
+        assert vehicle.read.wait(10)
+        (state,) = team.advance_to(team.time)
+    assert isinstance(state, VehicleState)
+    assert state.time == pytest.approx(0.4)
+    assert state.odometry.speed == pytest.approx(0.008)

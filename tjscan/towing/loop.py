@@ -137,7 +137,7 @@ class CableTow:
         self._standing = StandstillWatch(setting.cable, team, record_event)
         self._grip = GripWatch(count, team.force)
         self._patience = WaitingPatience(setting.following.patience, record_event)
-        self._along = self._elapsed = self._due = self._began = 0.0
+        self._along = self._elapsed = self._due = self._measured_at = self._began = 0.0
         self._last: TowingPlan | None = None
         self._targets: Array | None = None
         self._asked: list[Twist] = [AT_REST] * count
@@ -167,7 +167,7 @@ class CableTow:
         self._along, self._began, self._last = along, host.process_time(), last
         self._elapsed = elapsed
         with self._stopping_vehicles_at_end():
-            self._due = self._team.time
+            self._due = self._measured_at = self._team.time
             estimate = self._wait_for_poses()
             self._journal.record(RunEvent("start", f"{1e3 * along:.0f} mm along the seam"))
             while not self._is_finished:
@@ -226,14 +226,15 @@ class CableTow:
         due, begun = self._due + PLAN_PERIOD, self._due
         self._measured = np.full((len(self._followers), 3), np.nan)
         for look in range(1, MEASUREMENTS_PER_PLAN + 1):
-            before = self._team.time
             self._states = self._team.advance_to(begun + look * PLAN_PERIOD / MEASUREMENTS_PER_PLAN)
             measured, now = self._localisation.read(), self._team.time
             odometry = [
                 state.odometry if isinstance(state, VehicleState) else AT_REST
                 for state in self._states
             ]
-            estimate = self._poses.update(now, now - before, odometry, measured)
+            # Planning takes time too, in which they drive.
+            estimate = self._poses.update(now, now - self._measured_at, odometry, measured)
+            self._measured_at = now
             for v, pose in enumerate(measured):
                 if pose is not None:
                     self._measured[v] = pose.x, pose.y, pose.heading

@@ -11,7 +11,7 @@ from typing import Final, Self
 
 from tjscan.core.devices import DeviceBase, EventListener
 from tjscan.core.errors import VehicleFault, VehicleLinkLost
-from tjscan.vehicle.vehicle import Vehicle, VehicleState
+from tjscan.vehicle.vehicle import Vehicle, VehicleState, merge_unread_states
 
 LOST_LINK_RETRY_PERIOD: Final = 0.05
 """Seconds after which a vehicle whose link is lost is polled again."""
@@ -28,6 +28,7 @@ class PacedTeam(DeviceBase):
     def __init__(self, vehicles: Sequence[Vehicle]) -> None:
         self.vehicles = tuple(vehicles)
         self._newest: list[VehicleState | VehicleFault] = []
+        self._unread: list[SimpleQueue[VehicleState]] = []
         self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._closed = threading.Event()
         self._connections = ExitStack()
@@ -40,6 +41,7 @@ class PacedTeam(DeviceBase):
     def __enter__(self) -> Self:
         self._closed.clear()
         self._newest = [VehicleLinkLost("no state of it came yet")] * len(self.vehicles)
+        self._unread = [SimpleQueue() for _ in self.vehicles]
         with ExitStack() as stack:
             for number, vehicle in enumerate(self.vehicles, 1):
                 vehicle.report_events_to(self._listener_of_vehicle(number))
@@ -56,11 +58,21 @@ class PacedTeam(DeviceBase):
         self._connections.close()
 
     def advance_to(self, moment: float) -> tuple[VehicleState | VehicleFault, ...]:
-        """Wait until a time of this clock; return each vehicle's newest state, or its fault."""
+        """Wait until a time of this clock; return each vehicle's newest state, or its fault.
+
+        Odometry is the mean since the last call.
+        """
         time.sleep(max(0.0, moment - time.monotonic()))
         while not self._events.empty():
             self._listener(*self._events.get())
-        return tuple(self._newest)
+        return tuple(self._read_newest(k) for k in range(len(self.vehicles)))
+
+    def _read_newest(self, k: int) -> VehicleState | VehicleFault:
+        newest, unread = self._newest[k], self._unread[k]
+        states = [unread.get() for _ in range(unread.qsize())]
+        if states and isinstance(newest, VehicleState):
+            return merge_unread_states(states)
+        return newest
 
     def _listener_of_vehicle(self, number: int) -> EventListener:
         return lambda name, sentence: self._events.put((name, f"vehicle {number}: {sentence}"))
@@ -68,7 +80,8 @@ class PacedTeam(DeviceBase):
     def _read_states(self, k: int) -> None:
         while not self._closed.is_set():
             try:
-                self._newest[k] = self.vehicles[k].next_state()
+                state = self._newest[k] = self.vehicles[k].next_state()
+                self._unread[k].put(state)
             except VehicleFault as error:
                 self._newest[k] = error
                 self._closed.wait(LOST_LINK_RETRY_PERIOD)
