@@ -34,7 +34,7 @@ CONTROLLER_VERSION: Final = (5, 23, 0, 1101319)
 """Of the controller it pretends to be: an e-Series arm that has remote control."""
 
 LARGEST_DELAY: Final = 0.5
-"""Seconds of ticks that it catches up with when it was held up; the arm stands still for more."""
+"""Seconds of ticks that it catches up with when it was held up; its time stands still for more."""
 
 MOST_WAITING: Final = 1 << 16
 """Bytes that wait for a client that does not read; more are not sent."""
@@ -112,10 +112,7 @@ class LoopbackServer:
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
-            due += 1 / (self.hz * self.rate)
-            if (lost := loop.time() - LARGEST_DELAY - due) > 0:
-                due += lost
-                self.controller.clock += lost * self.rate
+            due = max(due + 1 / (self.hz * self.rate), loop.time() - LARGEST_DELAY)
             await asyncio.sleep(max(due - loop.time(), 0))
             if self.controller.frozen:
                 continue

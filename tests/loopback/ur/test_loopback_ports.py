@@ -62,8 +62,8 @@ def test_a_script_without_an_end_is_not_kept_for_ever() -> None:
         assert _memory(loopback.pid) - before < 50 << 20
 
 
-@pytest.mark.parametrize("held", [0.3, 1.0])
-def test_its_clock_goes_on_while_it_is_held_up(held: float) -> None:
+def test_its_clock_catches_up_when_it_was_held_up() -> None:
+    held = 0.3
     with UrLoopbackProcess(address()) as loopback:
         before = _clock_behind(loopback.host)
         os.kill(loopback.pid, signal.SIGSTOP)
