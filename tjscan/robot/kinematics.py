@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
-from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
+from tjscan.core.frames import Array, cross, inverse_pose, pose_from_rounded_matrix, readonly_copy
 from tjscan.robot.closed_form import ClosedFormInverse
 from tjscan.robot.spherical_wrist import find_spherical_wrist
 from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
@@ -236,9 +236,9 @@ class Kinematics:
         )
         R, origin = self._T_b_root[:3, :3], self._T_b_root[:3, 3]
         linear = R @ of_links[:3]
-        total = np.concatenate((linear, R @ of_links[3:] + np.cross(origin, linear)))
+        total = np.concatenate((linear, R @ of_links[3:] + cross(origin, linear)))
         carried = payload * self.jacobian(q)[:3] @ speeds
-        return total + np.concatenate((carried, np.cross(self.forward(q)[:3, 3], carried)))
+        return total + np.concatenate((carried, cross(self.forward(q)[:3, 3], carried)))
 
     def smallest_singular_value(self, q: Array) -> float:
         """Smallest singular value of the Jacobian: 0 if the flange loses a direction.

@@ -116,8 +116,8 @@ ERROR_CORRELATION: Final = 0.5
 SIMULATED_MOVE_TICK: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
-SWAY_TICK: Final = 0.004
-"""Seconds for which a moving arm's momentum counts as the same: a thirtieth of a sway of 8 Hz."""
+SWAY_TICK: Final = 0.008
+"""Seconds for which a moving arm's momentum counts as the same: a fifteenth of a sway of 8 Hz."""
 
 
 class SimulatedArm(PlannedArm, LocalDevice):

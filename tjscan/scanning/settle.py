@@ -97,15 +97,15 @@ class SwayFit:
         Metres, in the middle of the burst.
     frequency : float
         Hertz.
-    growth : float
-        By which the amplitude grows per second, as a share of it; negative of a decay.
+    damping : float
+        Share of the critical one, as the amplitude changes over the burst; rough in a short one.
     """
 
     rest: Array
     sigma: float
     amplitude: float
     frequency: float
-    growth: float
+    damping: float
 
 
 @array_dataclass
@@ -210,8 +210,9 @@ class SettlingLaser:
         detail = ""
         if fit.amplitude > settings.tolerance:
             detail = (
-                f"{1e3 * fit.amplitude:.2f} mm at {fit.frequency:.1f} Hz, the place of rest known "
-                f"to {1e3 * fit.sigma:.3f} mm after {late:.2f} s"
+                f"{1e3 * fit.amplitude:.2f} mm at {fit.frequency:.1f} Hz, damping about "
+                f"{fit.damping:.0%}; the place of rest known to {1e3 * fit.sigma:.3f} mm after "
+                f"{late:.2f} s"
             )
         T_rest_s = inverse_pose(still.pose_of_motion(away[nearest]))
         # A stream's stamps are of the laser's own clock.
@@ -315,7 +316,8 @@ def fit_sway(times: Array, motions: Array) -> SwayFit:
     """Fit a sway about a place of rest to motions that were seen.
 
     One frequency after another is tried, with an amplitude that changes evenly; each counts by how
-    well it fits. What it leaves is taken to be alike within half a period of it.
+    well it fits, as if only each half period brought something new. The standard deviation counts
+    with how much what it leaves is alike from one profile to the next.
 
     Parameters
     ----------
@@ -334,9 +336,13 @@ def fit_sway(times: Array, motions: Array) -> SwayFit:
     square = np.swapaxes(basis, 1, 2) @ basis + 1e-3 * k * np.diag((0.0, 1e-3, 1e-3, 1.0, 1.0))
     inverse = np.linalg.inv(square)
     found = inverse @ (np.swapaxes(basis, 1, 2) @ motions)
-    left = np.sum((motions - basis @ found)[..., :2] ** 2, axis=(1, 2)) / (2 * (k - 5)) + 1e-14
-    alike = np.clip(k / (4 * SWAY_FREQUENCIES * half), 1.0, k / 3)
-    evidence = -k / alike.min() * np.log(left)
+    residuals = (motions - basis @ found)[..., :2]
+    squares = np.sum(residuals**2, axis=(1, 2)) + 1e-16
+    following = np.sum(residuals[:, 1:] * residuals[:, :-1], axis=(1, 2)) / squares
+    alike = np.clip((1 + following) / np.maximum(1 - following, 0.01), 1.0, k / 3)
+    left = squares / (2 * (k - 5))
+    halves = min(4 * SWAY_FREQUENCIES[-1] * half, float(k))
+    evidence = -halves * np.log(left)
     share = np.exp(evidence - evidence.max())
     share /= share.sum()
     rests = found[:, 0]
@@ -345,6 +351,6 @@ def fit_sway(times: Array, motions: Array) -> SwayFit:
     best = int(share.argmax())
     a, b, da, db = found[best, 1:, :2]
     square_size = float(np.sum(a**2 + b**2))
-    growth = float(np.sum(a * da + b * db)) / max(half * square_size, 1e-30)
-    amplitude, f = np.sqrt(square_size), SWAY_FREQUENCIES[best]
-    return SwayFit(rest, float(np.sqrt(variance)), float(amplitude), float(f), growth)
+    decay = -float(np.sum(a * da + b * db)) / max(half * square_size, 1e-30)
+    amplitude, f = float(np.sqrt(square_size)), float(share @ SWAY_FREQUENCIES)
+    return SwayFit(rest, float(np.sqrt(variance)), amplitude, f, decay / (2 * np.pi * f))
