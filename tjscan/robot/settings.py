@@ -156,7 +156,7 @@ class SwayMode(SettingsTable):
     damping: Annotated[float, Ge(0.001), Le(0.5)]
     direction: Annotated[tuple[float, float, float], units.NO_UNIT.with_key("direction")]
     pivot: units.Position | None = None
-    mass: Annotated[float, Ge(1), Le(1_000_000), units.KG]
+    mass: Annotated[float, Ge(0.1), Le(1_000_000), units.KG]
     wind: Annotated[float, Ge(0), Le(5), units.MM] = 0.0
 
     def __post_init__(self) -> None:

@@ -170,6 +170,8 @@ class ProfileTaker:
     ) -> ProfileView | None:
         """Take `MERGED_PROFILES` profiles of one place and merge them; None if all are the same.
 
+        Those of bursts are each of another place of the sway, and are not merged.
+
         Parameters
         ----------
         views : sequence of ProfileView
@@ -177,6 +179,8 @@ class ProfileTaker:
         state : ArmState
             Where the arm came to rest.
         """
+        if self._settling is not None:
+            return None
         first, profiles = views[0], [view.profile for view in views]
         while len(profiles) < MERGED_PROFILES:
             profiles.append(self.take_view(first.index, first.substep, state).profile)
