@@ -1,9 +1,9 @@
 """Whether corners stay what they are on a rigid base where what carries the arm sways.
 
 Carriers of 2, 4 and 8 Hz, damping 1 and 5 %, whose mass is such that steps of the scan leave
-0.5 mm, root mean square; then one of another make: two coupled modes with a spring that hardens and dry friction,
-integrated by SciPy's solver. Beside them the same scan that takes each profile as the arm arrives,
-and a taught path without any correction, on a joint that stands some millimetres off.
+0.5 mm, root mean square; then one of another make: two coupled modes with a spring that hardens and
+dry friction, integrated by SciPy's solver. Beside them the same scan that takes each profile as the
+arm arrives, and a taught path without any correction, on a joint that stands some millimetres off.
 
 Waiting the worst case out means: after each move as long as the slowest decaying of these carriers
 takes from 0.5 mm to the tolerance. ``--seeds N`` scans N times with each instead of 3 times;

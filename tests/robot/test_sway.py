@@ -86,7 +86,7 @@ def test_a_pushed_base_moves_as_an_integrator_of_another_make_has_it() -> None:
     sway, w = swaying(mode(3.0, 0.03)), 2 * np.pi * 3.0
 
     def momentum(t: float) -> float:
-        return 2.0 * np.sin(np.pi * min(t, 1.0)) ** 2
+        return float(2.0 * np.sin(np.pi * min(t, 1.0)) ** 2)
 
     def law(t: float, x: Array) -> tuple[float, float]:
         force = -(momentum(t + 1e-6) - momentum(t - 1e-6)) / 2e-6
@@ -160,7 +160,7 @@ def residual(frequency: float, shaper: InputShaper | None) -> float:
         for _ in range(200):
             arm.pass_time(0.005)
             found.append(abs(arm.sway.displacements[0]))
-    return max(found)
+    return float(max(found))
 
 
 def test_the_true_pose_sways_after_a_move_and_the_reported_one_does_not() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array
@@ -70,7 +71,7 @@ class SimulatedSway:
         if self._gusts.any():
             self._z += self._draw_gusts(seconds)
 
-    def _draw_gusts(self, seconds: float) -> Array:
+    def _draw_gusts(self, seconds: float) -> NDArray[np.complex128]:
         """What white noise adds to each z in some time; shape (n,), complex."""
         r = self._pole
         size = self._gusts * -np.expm1(2 * r.real * seconds) / (-2 * r.real)  # of |z|²
@@ -80,4 +81,5 @@ class SimulatedSway:
         a, b = self._random.standard_normal((2, len(r)))
         first = np.sqrt(real)
         slope = both / np.maximum(first, 1e-300)
-        return first * a + 1j * (slope * a + np.sqrt(np.maximum(imag - slope**2, 0.0)) * b)
+        drawn = slope * a + np.sqrt(np.maximum(imag - slope**2, 0.0)) * b
+        return np.asarray(first * a + 1j * drawn)

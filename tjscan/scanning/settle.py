@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Annotated, Final
 
@@ -23,7 +22,7 @@ from annotated_types import Ge, Gt, Le
 from tjscan.core import pose_vector, units
 from tjscan.core.errors import ConfigurationError, LaserFault
 from tjscan.core.frames import Array, array_dataclass, inverse_pose, pose, unit_vectors
-from tjscan.laser.line_laser import LineLaser, StreamedProfile, StreamingLaser
+from tjscan.laser.line_laser import LineLaser, StreamingLaser
 from tjscan.laser.profile import Profile, ProfileRepeats
 
 SWAY_FREQUENCIES: Final = np.geomspace(1.5, 12.0, 32)
@@ -188,21 +187,20 @@ class SettlingLaser:
         """
         settings, profiles = self._settings, list[Profile]()
         motions, fits = list[Array](), dict[int, SwayFit]()
-        with closing(self._laser.stream(settings.period)) as stream:
-            for profile in self._new_profiles(stream):
-                profiles.append(profile)
-                late, count = profile.time - profiles[0].time, len(profiles)
-                if count < settings.profiles or count % PROFILES_BETWEEN_FITS:
-                    continue
-                if not motions:
-                    still = StillGroove(profiles)
-                    if still.columns < FEWEST_COLUMNS:
-                        return SettledProfile(replace(profile, time=0.0), np.eye(4))
-                motions += [still.motion(one) for one in profiles[len(motions) :]]
-                moved, times = np.array(motions), np.array([one.time for one in profiles])
-                fit = fits[count] = fit_sway(times, moved)
-                if late >= settings.longest or self._is_settled(moved, late, fits):
-                    break
+        for profile in self._new_profiles():
+            profiles.append(profile)
+            late, count = profile.time - profiles[0].time, len(profiles)
+            if count < settings.profiles or count % PROFILES_BETWEEN_FITS:
+                continue
+            if not motions:
+                still = StillGroove(profiles)
+                if still.columns < FEWEST_COLUMNS:
+                    return SettledProfile(replace(profile, time=0.0), np.eye(4))
+            motions += [still.motion(one) for one in profiles[len(motions) :]]
+            moved, times = np.array(motions), np.array([one.time for one in profiles])
+            fit = fits[count] = fit_sway(times, moved)
+            if late >= settings.longest or self._is_settled(moved, late, fits):
+                break
         away = moved - fit.rest
         nearest = int(np.argmin(np.linalg.norm(away[:, :2], axis=1)))
         # Along the groove it may sway as much as each way across.
@@ -219,10 +217,10 @@ class SettlingLaser:
         profile = replace(profiles[nearest], time=0.0)
         return SettledProfile(profile, T_rest_s, np.array((fit.sigma, unseen)), detail)
 
-    def _new_profiles(self, stream: Iterator[StreamedProfile | None]) -> Iterator[Profile]:
-        """Those of a stream that did not come before; LaserFault if none comes any more."""
+    def _new_profiles(self) -> Iterator[Profile]:
+        """Profiles of the laser that did not come before; LaserFault if none comes any more."""
         silent = 0
-        for streamed in stream:
+        for streamed in self._laser.stream(self._settings.period):
             self._check()
             if streamed is not None and not self._repeats.is_repeat(streamed.profile):
                 silent = 0
