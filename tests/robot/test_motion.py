@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -216,8 +217,9 @@ def test_a_line_beyond_a_narrow_limit_is_refused(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_limits_are_positive_numbers(name: str, value: float) -> None:
+    changed: Any = {name: value}
     with pytest.raises(ConfigurationError, match=name):
-        MotionLimits(**{name: value})
+        replace(MotionLimits(), **changed)
 
 
 def test_joint_speed_is_a_fraction() -> None:

@@ -56,6 +56,7 @@ def view(index: int, intensity: bool = True) -> ProfileView:
         profile=Profile(x, z, rng.uniform(size=640) if intensity else None, time=1.5 * index),
         time=1.5 * index,
         q=rng.normal(size=6),
+        sway=rng.uniform(size=2) if index % 2 else None,
     )
 
 
@@ -69,7 +70,8 @@ def record(file: Path, count: int) -> list[ProfileView]:
 
 
 def assert_same(read: ProfileView, written: ProfileView) -> None:
-    for name in ("T_b_f", "T_b_s", "q"):
+    assert (read.sway is None) == (written.sway is None)
+    for name in ("T_b_f", "T_b_s", "q", *(["sway"] if written.sway is not None else [])):
         np.testing.assert_array_equal(getattr(read, name), getattr(written, name))
     for name in ("x_s", "z_s"):
         np.testing.assert_array_equal(getattr(read.profile, name), getattr(written.profile, name))

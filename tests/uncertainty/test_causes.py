@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,7 @@ from rings import GROOVE
 from scipy.spatial.transform import Rotation
 from views_on_arm import T_F_S, ur10e, views
 
-from tjscan.core.frames import Array, transform_points
+from tjscan.core.frames import Array, transform_points, unit_vector
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.deviation import DISTORTION_SIGMAS_BY_DEGREE
@@ -29,6 +30,7 @@ from tjscan.uncertainty.causes import (
     range_bias_cause,
     reading_cause,
     repeatability_cause,
+    sway_cause,
 )
 
 SECTIONS = views(4)
@@ -135,6 +137,22 @@ def test_what_an_arm_does_not_repeat_turns_each_view_about_its_flange() -> None:
             here.append(transform_points(T_b_s, GROOVE.points_s))
         drawn.append(here)
     assert_drawn_alike(cause, np.array(drawn))
+
+
+def test_a_sway_that_is_left_moves_views_along_the_groove_and_across_it_as_stated() -> None:
+    across, along = 2e-5, 3e-4
+    left = np.array((across, along))
+    swayed = [replace(one, view=replace(one.view, sway=left)) for one in SECTIONS]
+    origins = np.array([one.T_b_g[:3, 3] for one in swayed])
+    for k, C in enumerate(sway_cause(swayed).component(np.eye(3), len(swayed)).corner_covariances):
+        ways = np.delete(origins, k, axis=0) - origins[k]
+        ahead = unit_vector(ways[np.argmin(np.linalg.norm(ways, axis=1))])
+        stated = across**2 * np.eye(3) + (along**2 - across**2) * np.outer(ahead, ahead)
+        np.testing.assert_allclose(C, np.tile(stated, (3, 1, 1)), rtol=0, atol=1e-15)
+
+
+def test_views_that_were_taken_as_the_arm_arrived_have_no_sway() -> None:
+    assert not sway_cause(SECTIONS).points.any()
 
 
 def test_a_wrong_calibration_seen_from_one_pose_is_a_rigid_motion() -> None:

@@ -43,7 +43,8 @@ def kinematics_of_job(job: CellJob) -> Kinematics:
 
 def motion_limits_of_job(job: CellJob) -> MotionLimits:
     """How fast a job's arm may go, in single moves and along paths that grow."""
-    return MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
+    arm = job.arm
+    return MotionLimits(tcp_speed=arm.speed, tcp_acceleration=arm.acceleration, shaper=arm.shaper)
 
 
 def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> ClearPathPlanner:

@@ -30,6 +30,7 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
 from tjscan.power.drivers import POWER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
+from tjscan.robot.settings import InputShaper
 
 ASSUMED_LASER_LINEARITY: Final = 0.1e-3
 """Metres: assumption, 0.1 % of a 100 mm range; data sheets of the class state 0.1 to 0.2 %."""
@@ -264,6 +265,8 @@ class ArmSettings(DeviceSettings):
         A model that is known by name, or the path of a URDF.
     speed, acceleration : float
         Of the flange, m/s and m/s².
+    shaper : InputShaper, optional
+        Moves that do not let what carries the arm sway; of arms whose moves this program times.
     uncertainty : ArmUncertaintySettings
         How far it may be from where it reports.
     """
@@ -273,6 +276,7 @@ class ArmSettings(DeviceSettings):
     model: str = "ur10e"
     speed: Annotated[float, Ge(1), Le(3000), units.MM_S] = 0.25
     acceleration: Annotated[float, Ge(10), Le(50_000), units.MM_S2] = 1.2
+    shaper: InputShaper | None = None
     uncertainty: ArmUncertaintySettings = field(default_factory=ArmUncertaintySettings)
 
     @property

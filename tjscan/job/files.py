@@ -197,6 +197,12 @@ class ScanJob(CellJob):
                 'a continuous scan (mode = "continuous") has a section every section_mm: say how '
                 "far it shall go with length_mm",
             )
+        if self.scan.mode == "continuous" and self.scan.settle is not None:
+            yield (
+                "scan.settle",
+                'a continuous scan (mode = "continuous") never rests, so nothing settles: leave '
+                'the table out, or scan with mode = "stepwise"',
+            )
         tables = {"scan": self.scan} | {f"station.{i}": one for i, one in enumerate(self.station)}
         for name, table in tables.items():
             for which in ("first", "second"):

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from tjscan.robot.settings import ArmSimulationSettings
 
 
+SWAY_RANDOM_STREAM: Final = 4
+"""Keeps the random numbers of gusts apart from those of the arm's make and moves."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmDriverInputs:
     """What an arm's driver makes its arm from, beside its own settings.
@@ -74,6 +78,7 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
     import numpy as np
 
     from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
+    from tjscan.robot.sway import SimulatedSway
 
     world, left = context.simulation, context.left
     if world is None:
@@ -93,6 +98,9 @@ def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
             else SimulatedArmErrors.draw_true_arm(context.kinematics, world.errors, context.seed),
         )
     arm.lag, arm.wander = world.lag, world.wander
+    if world.sway is not None:
+        random = np.random.default_rng([context.seed, SWAY_RANDOM_STREAM])
+        arm.sway = SimulatedSway(world.sway, random)
     return arm
 
 
@@ -105,6 +113,9 @@ def _make_replayed_arm(context: ArmDriverInputs, settings: NoSettings) -> Arm:
 def _make_ur_arm(inputs: ArmDriverInputs, settings: UrSettings) -> Arm:
     from tjscan.robot.ur.arm import UrArm
 
+    if inputs.limits.shaper is not None:
+        message = "the controller of this arm times its moves itself: leave [arm.shaper] out"
+        raise ConfigurationError(message, key="arm.shaper")
     return UrArm(inputs.kinematics, settings, inputs.limits)
 
 

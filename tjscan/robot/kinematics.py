@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
-from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
+from tjscan.core.frames import Array, cross, inverse_pose, pose_from_rounded_matrix, readonly_copy
 from tjscan.robot.closed_form import ClosedFormInverse
 from tjscan.robot.spherical_wrist import find_spherical_wrist
 from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
@@ -213,6 +213,32 @@ class Kinematics:
         J = pin.computeFrameJacobian(self.model, self._workspace.data, q, self.flange, axes)
         R_b_root = self._T_b_root[:3, :3]
         return np.vstack([R_b_root @ J[:3], R_b_root @ J[3:]])
+
+    def momentum(self, q: Array, speeds: Array, payload: float = 0.0) -> Array:
+        """Momentum of the moving arm: linear, kg m/s, and angular about b's origin, kg m²/s.
+
+        Parameters
+        ----------
+        q, speeds : ndarray, shape (n,)
+            Joint angles, radians, and their speeds, rad/s.
+        payload : float
+            Mass at the flange's origin beside what the URDF states of the links, kg.
+
+        Returns
+        -------
+        ndarray, shape (6,)
+            Along the axes of b.
+        """
+        model, data = self.model, self._workspace.data
+        pin.forwardKinematics(model, data, np.asarray(q, dtype=float), speeds)
+        of_links = sum(
+            data.oMi[i].act(model.inertias[i] * data.v[i]).vector for i in range(1, model.njoints)
+        )
+        R, origin = self._T_b_root[:3, :3], self._T_b_root[:3, 3]
+        linear = R @ of_links[:3]
+        total = np.concatenate((linear, R @ of_links[3:] + cross(origin, linear)))
+        carried = payload * self.jacobian(q)[:3] @ speeds
+        return total + np.concatenate((carried, cross(self.forward(q)[:3, 3], carried)))
 
     def smallest_singular_value(self, q: Array) -> float:
         """Smallest singular value of the Jacobian: 0 if the flange loses a direction.

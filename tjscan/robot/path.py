@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from math import ceil, isfinite, radians, sqrt
 from typing import Final
 
@@ -13,6 +13,7 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, array_dataclass, rotation_angle_between
 from tjscan.robot.kinematics import SINGULARITY_THRESHOLD, Kinematics
+from tjscan.robot.settings import InputShaper
 
 SPLINE_SAMPLES_PER_WAYPOINT: Final = 4
 """Between waypoints the derivatives of the spline are looked at this often."""
@@ -36,6 +37,8 @@ class MotionLimits:
         Fraction of the joint speed limits that is used, above 0, at most 1.
     joint_acceleration : float
         Acceleration of every joint in rad/s².
+    shaper : InputShaper, optional
+        Spreads moves so that what carries the arm does not sway after them.
 
     Raises
     ------
@@ -47,12 +50,13 @@ class MotionLimits:
     tcp_acceleration: float = 1.2
     joint_speed: float = 0.5
     joint_acceleration: float = radians(80)
+    shaper: InputShaper | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for limit in fields(self)[:-1]:
+            value = getattr(self, limit.name)
             if not (isfinite(value) and value > 0):
-                raise ConfigurationError(f"it must be positive (found {value})", key=field.name)
+                raise ConfigurationError(f"it must be positive (found {value})", key=limit.name)
         if self.joint_speed > 1:
             raise ConfigurationError(
                 f"it is a fraction of the joints' limits, at most 1 (found {self.joint_speed})",
@@ -65,7 +69,8 @@ class JointTrajectory:
     """A timed path in joint space, rest to rest.
 
     Between the waypoints runs a cubic spline. Its parameter u goes from 0 to 1 with a
-    trapezoid of speed: it ramps up, cruises and ramps down.
+    trapezoid of speed: it ramps up, cruises and ramps down. A shaped one goes through the sum of
+    several such ways, each late by its delay and a share of u long; the path stays the same.
 
     Parameters
     ----------
@@ -75,11 +80,14 @@ class JointTrajectory:
         Seconds.
     ramp : float
         Seconds of the first ramp, and of the last.
+    impulses : ndarray, shape (k, 2)
+        Delay in seconds, rising from zero, and share of each way, see `InputShaper`.
     """
 
     q: Array
     duration: float
     ramp: float
+    impulses: Array = field(default_factory=lambda: np.array([(0.0, 1.0)]))
 
     def joint_angles_at(self, time: float | Array) -> Array:
         """Joint angles in radians, shape (..., n), at times in seconds from the start.
@@ -88,14 +96,16 @@ class JointTrajectory:
         """
         if self.duration == 0:
             return np.broadcast_to(self.q[-1], (*np.shape(time), self.q.shape[1])).copy()
-        t = np.clip(time, 0.0, self.duration)
-        cruise = 1 / (self.duration - self.ramp)
+        duration = self.duration - self.impulses[-1, 0]
+        # One way after another, in the last axis.
+        t = np.clip(np.expand_dims(time, -1) - self.impulses[:, 0], 0.0, duration)
+        cruise = 1 / (duration - self.ramp)
         # Area under the trapezoid: both ramps as parabolas from their own end of the path.
-        left = np.minimum(t, self.duration - t)
+        left = np.minimum(t, duration - t)
         ramped, cruised = cruise * left**2 / (2 * self.ramp), cruise * (left - self.ramp / 2)
         from_end = np.where(left < self.ramp, ramped, cruised)
-        u = np.where(2 * t <= self.duration, from_end, 1 - from_end)
-        return np.asarray(_spline_through(self.q)(u))
+        u = np.where(2 * t <= duration, from_end, 1 - from_end)
+        return np.asarray(_spline_through(self.q)(np.sum(u * self.impulses[:, 1], axis=-1)))
 
 
 def fastest_trajectory(
@@ -136,7 +146,12 @@ def fastest_trajectory(
     best = sqrt(2 / (G * (2 * B + 1 + sqrt(8 * B + 1))))
     v = min(fastest, best)
     ramp = v * G / (1 - C * v**2)
-    return JointTrajectory(q, 1 / v + ramp, ramp)
+    path = JointTrajectory(q, 1 / v + ramp, ramp)
+    if limits.shaper is None:
+        return path
+    # A mean of ways that each keep the limits keeps them.
+    impulses = limits.shaper.impulses
+    return replace(path, duration=path.duration + impulses[-1, 0], impulses=impulses)
 
 
 def _spline_through(values: Array) -> CubicSpline:

@@ -131,6 +131,102 @@ class ArmErrorSettings(PlacementTolerance):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SwayMode(SettingsTable):
+    """A table [[simulation.arm.sway.mode]]: one way in which what carries the arm sways.
+
+    Parameters
+    ----------
+    frequency : float
+        Hertz, of the damped motion but for the root of ``1 - damping**2``.
+    damping : float
+        Share of the critical one.
+    direction : tuple of float
+        Along which the base's origin moves, in b, of any length.
+    pivot : tuple of float, optional
+        A point in b, metres, about which the base turns as it moves, such as the beam of a
+        gantry; left out, it does not turn. The origin then moves along what of `direction` is
+        square to the way from this point.
+    mass : float
+        Effective mass of the mode at the base's origin, the arm's own included, kg.
+    wind : float
+        Root mean square displacement of the origin that gusts keep up, metres.
+    """
+
+    frequency: Annotated[float, Ge(0.2), Le(50), units.HERTZ_UNIT]
+    damping: Annotated[float, Ge(0.001), Le(0.5)]
+    direction: Annotated[tuple[float, float, float], units.NO_UNIT.with_key("direction")]
+    pivot: units.Position | None = None
+    mass: Annotated[float, Ge(0.1), Le(1_000_000), units.KG]
+    wind: Annotated[float, Ge(0), Le(5), units.MM] = 0.0
+
+    def __post_init__(self) -> None:
+        if not np.linalg.norm(self.twist) > 0:
+            raise ValueError("direction must not be zero, nor lead to the pivot")
+
+    @property
+    def twist(self) -> Array:
+        """Motion of the base when its origin moves by one metre, shape (6,).
+
+        Translation of b's origin, metres, and rotation vector, radians; zero if there is none.
+        """
+        d = np.array(self.direction)
+        arm = np.zeros(3) if self.pivot is None else -np.array(self.pivot)
+        turn = np.cross(arm, d) / max(float(arm @ arm), 1e-12)
+        moves = np.cross(turn, arm) if arm.any() else d
+        length = float(np.linalg.norm(moves))
+        return np.concatenate((moves, turn)) / length if length > 1e-9 else np.zeros(6)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SwaySettings(SettingsTable):
+    """The table [simulation.arm.sway]: how what carries the simulated arm sways.
+
+    Parameters
+    ----------
+    mode : tuple of SwayMode
+        Its ways to sway.
+    payload : float
+        Mass that the flange carries, kg. The URDF states the masses of the arm's links; where it
+        states none, this is all that moves.
+    """
+
+    mode: Annotated[tuple[SwayMode, ...], MinLen(1), units.LIST_OR_WORD_IN_FILE]
+    payload: Annotated[float, Ge(0), Le(1000), units.KG] = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputShaper(SettingsTable):
+    """The table [arm.shaper]: moves that leave no sway of about this frequency [1]_.
+
+    Each move is spread over one period of the sway, in three shares whose sways cancel each
+    other, also to first order of an error of the frequency (zero vibration and derivative).
+
+    Parameters
+    ----------
+    frequency : float
+        Of the sway, hertz.
+    damping : float
+        Share of the critical one.
+
+    References
+    ----------
+    .. [1] Singer, Seering (1990): Preshaping command inputs to reduce system vibration. J. Dyn.
+       Sys., Meas., Control 112(1). https://doi.org/10.1115/1.2894142
+    """
+
+    frequency: Annotated[float, Ge(0.5), Le(50), units.HERTZ_UNIT]
+    damping: Annotated[float, Ge(0), Le(0.5)] = 0.02
+
+    @property
+    def impulses(self) -> Array:
+        """Delays in seconds and shares of the move, shape (3, 2)."""
+        root = np.sqrt(1 - self.damping**2)
+        K = np.exp(-np.pi * self.damping / root)
+        half = 0.5 / (self.frequency * root)
+        return np.column_stack((half * np.arange(3), np.array((1, 2 * K, K**2)) / (1 + K) ** 2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArmSimulationSettings(SettingsTable):
     """The table [simulation.arm]: home position and repeatability of the simulated arm.
 
@@ -151,6 +247,8 @@ class ArmSimulationSettings(SettingsTable):
         Seconds over which its error correlates while it does. Assumption.
     errors : ArmErrorSettings, optional
         How the true arm differs from what its controller knows; not at all if left out.
+    sway : SwaySettings, optional
+        How what carries it sways; not at all if left out.
     """
 
     home: JointAngles
@@ -162,6 +260,7 @@ class ArmSimulationSettings(SettingsTable):
     lag: Annotated[float, Ge(0), Le(500), units.MILLISECONDS] = 0.05
     wander: Annotated[float, Gt(0), Le(100), units.SECONDS] = 0.5
     errors: ArmErrorSettings | None = None
+    sway: SwaySettings | None = None
 
     def __post_init__(self) -> None:
         units.refuse_radians("home_deg", self.home, right=False)

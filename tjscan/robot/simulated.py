@@ -8,6 +8,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
+from math import ceil
 from typing import Final, Self
 
 import numpy as np
@@ -23,6 +25,7 @@ from tjscan.robot.path import JointTrajectory, MotionLimits
 from tjscan.robot.planned import PathPlan, PlannedArm
 from tjscan.robot.settings import ArmErrorSettings
 from tjscan.robot.simulated_following import SimulatedFollowing, WanderingError
+from tjscan.robot.sway import SimulatedSway
 
 ARM_ERRORS_RANDOM_STREAM: Final = 3
 """Keeps the random numbers of an arm's make apart from its moves' ones."""
@@ -113,6 +116,9 @@ ERROR_CORRELATION: Final = 0.5
 SIMULATED_MOVE_TICK: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
+SWAY_TICK: Final = 0.008
+"""Seconds for which a moving arm's momentum counts as the same: a fifteenth of a sway of 8 Hz."""
+
 
 class SimulatedArm(PlannedArm, LocalDevice):
     """An arm that is simulated, behind the `Arm` protocol.
@@ -148,6 +154,8 @@ class SimulatedArm(PlannedArm, LocalDevice):
         Seconds by which it follows a path late.
     wander : float
         Seconds over which its error correlates while it follows one.
+    sway : SimulatedSway or None
+        How what carries it sways, which no encoder sees.
 
     Raises
     ------
@@ -179,6 +187,7 @@ class SimulatedArm(PlannedArm, LocalDevice):
         self._turning = np.zeros(len(self._now[0]))
         self._error = self._draw_error()
         self.lag, self.wander = FOLLOWING_LAG, ERROR_CORRELATION
+        self.sway: SimulatedSway | None = None
         self._following: SimulatedFollowing | None = None
 
     def __enter__(self) -> Self:
@@ -200,7 +209,8 @@ class SimulatedArm(PlannedArm, LocalDevice):
         else:
             T_b_f = self._errors.flange_pose(q, self._turning, now)
         turn = Rotation.from_rotvec(self._error[3:]).as_matrix()
-        return pose(T_b_f[:3, :3] @ turn, T_b_f[:3, 3] + self._error[:3])
+        T_b_f = pose(T_b_f[:3, :3] @ turn, T_b_f[:3, 3] + self._error[:3])
+        return T_b_f if self.sway is None else self.sway.T_rest_b @ T_b_f
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time as the encoders and the arm's clock report them."""
@@ -226,13 +236,14 @@ class SimulatedArm(PlannedArm, LocalDevice):
         """Let time pass on the arm's clock, in which it moves if it follows a path."""
         if self.realtime:
             time.sleep(seconds)
-        following = self._following
+        following, before = self._following, self._now[0]
         if following is None or self._latch.wait_for_stop(0.0):
             self._now = (self._now[0], self._now[1] + seconds)
-            return
-        following.advance(seconds)
-        self._now = (readonly_copy(following.q), following.time)
-        self._error, self._turning = following.error.now, following.turning
+        else:
+            following.advance(seconds)
+            self._now = (readonly_copy(following.q), following.time)
+            self._error, self._turning = following.error.now, following.turning
+        self._sway_through(np.array((before, self._now[0])), seconds)
 
     def _move(self, plan: PathPlan, T_b_f: Array, *, linear: bool) -> ArmState:
         self.check_connected()
@@ -248,6 +259,8 @@ class SimulatedArm(PlannedArm, LocalDevice):
             self._turning = np.where(last == 0.0, self._turning, np.sign(last))
             self._now = (reached, start + passed)
             self._error = self._draw_error()
+            ticks = np.linspace(0.0, passed, ceil(passed / SWAY_TICK) + 1)
+            self._sway_through(path.joint_angles_at(ticks), passed)
         if passed < path.duration:
             raise ArmFault(
                 f"the arm was stopped after {passed:.2f} s of a move of {path.duration:.2f} s. "
@@ -263,6 +276,19 @@ class SimulatedArm(PlannedArm, LocalDevice):
             if self._latch.wait_for_stop(min(SIMULATED_MOVE_TICK, path.duration - passed)):
                 return min(time.monotonic() - began, path.duration)
         return path.duration
+
+    def _sway_through(self, q: Array, seconds: float) -> None:
+        """Let the base sway while the joints go through angles, shape (m, n), evenly in time."""
+        if self.sway is None or seconds <= 0:
+            return
+        tick = seconds / (len(q) - 1)
+        for before, after in pairwise(q):
+            speeds = (after - before) / tick
+            moves = speeds.any()
+            half_way, payload = (before + after) / 2, self.sway.payload
+            self.sway.advance(
+                tick, self.kinematics.momentum(half_way, speeds, payload) if moves else None
+            )
 
     def _draw_error(self) -> Array:
         """Metres along the axes of b and a rotation vector in the axes of f, shape (6,)."""

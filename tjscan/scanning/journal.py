@@ -33,6 +33,7 @@ class ScanEvent(StrEnum):
     STRAIGHT = "straight"
     STEPWISE = "stepwise"
     CLOCK = "clock"
+    SWAY = "sway"
     TACK = "tack"
     RESUMED = "resumed"
     DAMAGED = "damaged"

@@ -15,6 +15,7 @@ from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning import seam_fit
 from tjscan.scanning.section import ScannedSection, Sections, SetPoint, StepLengthRule
+from tjscan.scanning.settle import SettleSettings
 from tjscan.scanning.target import SMOOTH_PREDICTION, ScanDirection, target_pose_in_sensor
 
 AREA_SIGMA_SHARE: Final = 0.4
@@ -236,6 +237,9 @@ class ScanPlan(units.SettingsTable):
         When a prediction view may be the section's, and no correction is made; see `skip`.
     adaptive : AdaptiveStepSettings, optional
         What may change from section to section: it decides how long the steps are, not `step`.
+    settle : SettleSettings, optional
+        How well the place of rest has to be known where what carries the arm sways; profiles are
+        taken one by one, as the arm arrives, if left out.
     first, second : PoseSettings, optional
         The taught poses of the flange in frame b; each station has its own.
     """
@@ -261,6 +265,7 @@ class ScanPlan(units.SettingsTable):
         default_factory=CorrectionCriterion
     )
     adaptive: AdaptiveStepSettings | None = None
+    settle: SettleSettings | None = None
     first: units.PoseSettings | None = None
     second: units.PoseSettings | None = None
 

@@ -17,6 +17,7 @@ from tjscan.scanning.journal import ScanEvent, ScanResultsJournal
 from tjscan.scanning.retries import MERGED_PROFILES, MOST_MISSING_PROFILES
 from tjscan.scanning.section import ProfileView, SetPoint, Substep
 from tjscan.scanning.sections_before import GrooveReader
+from tjscan.scanning.settle import SettledProfile, SettleSettings, SettlingLaser
 from tjscan.scanning.stopping import StopRequest
 
 SENSOR_MOTION_TOLERANCE: Final = 1e-4
@@ -65,10 +66,21 @@ class ProfileTaker:
         Receives every view and event.
     stop : StopRequest
         Lets nothing begin once everything is to stop.
+    settle : SettleSettings, optional
+        How well the place of rest has to be known; see `SettlingLaser`.
     """
 
-    def __init__(self, setup: ScanSetup, log: ScanResultsJournal, stop: StopRequest) -> None:
+    def __init__(
+        self,
+        setup: ScanSetup,
+        log: ScanResultsJournal,
+        stop: StopRequest,
+        settle: SettleSettings | None = None,
+    ) -> None:
         self._setup, self._log, self._stop = setup, log, stop
+        self._settling: SettlingLaser | None = None
+        if settle is not None:
+            self._settling = SettlingLaser(setup.laser, settle, stop.raise_if_stop_now)
         self._place_of_digest: dict[bytes, Array] = {}
 
     def remember_view(self, view: ProfileView) -> None:
@@ -139,9 +151,16 @@ class ProfileTaker:
         ScanInterrupted
             If everything is to stop at once.
         """
-        profile = self._capture_until_good(index, substep, state)
-        T_b_s = state.T_b_f @ self._setup.T_f_s
-        view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
+        taken = self._capture_until_good(index, substep, state)
+        T_f_s = self._setup.T_f_s
+        T_b_s = state.T_b_f @ T_f_s @ taken.T_rest_s
+        T_b_f = state.T_b_f if taken.sigmas is None else T_b_s @ inverse_pose(T_f_s)
+        view = ProfileView(
+            index, substep, T_b_f, T_b_s, taken.profile, state.time, state.q, taken.sigmas
+        )
+        if taken.detail:
+            where = f"section {index}, {substep}"
+            self._log.record_event(ScanEvent.SWAY, f"{where}: {taken.detail}")
         self.remember_view(view)
         self._log.record(view)
         return view
@@ -151,6 +170,8 @@ class ProfileTaker:
     ) -> ProfileView | None:
         """Take `MERGED_PROFILES` profiles of one place and merge them; None if all are the same.
 
+        Those of bursts are each of another place of the sway, and are not merged.
+
         Parameters
         ----------
         views : sequence of ProfileView
@@ -158,6 +179,8 @@ class ProfileTaker:
         state : ArmState
             Where the arm came to rest.
         """
+        if self._settling is not None:
+            return None
         first, profiles = views[0], [view.profile for view in views]
         while len(profiles) < MERGED_PROFILES:
             profiles.append(self.take_view(first.index, first.substep, state).profile)
@@ -167,14 +190,14 @@ class ProfileTaker:
         self._log.record(view)
         return view
 
-    def _capture_until_good(self, index: int, substep: Substep, state: ArmState) -> Profile:
+    def _capture_until_good(self, index: int, substep: Substep, state: ArmState) -> SettledProfile:
         missed = 0
         while True:
             self._stop.raise_if_stop_now()
             try:
-                profile = self._setup.laser.capture()
-                self._check_profile_is_new(profile, state)
-                return profile
+                taken = self._capture()
+                self._check_profile_is_new(taken.profile, state)
+                return taken
             except LaserFault as error:
                 missed += 1
                 if missed > MOST_MISSING_PROFILES:
@@ -183,6 +206,12 @@ class ProfileTaker:
                     ) from error
                 detail = f"section {index}, {substep}: {error}"
                 self._log.record_event(ScanEvent.TAKEN_AGAIN, detail)
+
+    def _capture(self) -> SettledProfile:
+        """Take a profile as the sensor is, or as it would be at rest."""
+        if self._settling is None:
+            return SettledProfile(self._setup.laser.capture(), np.eye(4))
+        return self._settling.capture()
 
     def _check_profile_is_new(self, profile: Profile, state: ArmState) -> None:
         """Refuse a profile that is late or frozen.

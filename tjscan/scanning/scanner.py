@@ -78,7 +78,7 @@ class Scanner:
         self._step_length = adaptive or (lambda sections: plan.step)
         self._stop = stop or StopRequest()
         self._log = ScanResultsJournal(journal)
-        self._taker = ProfileTaker(setup, self._log, self._stop)
+        self._taker = ProfileTaker(setup, self._log, self._stop, plan.settle)
 
     def run(self, T_b_f_first: Array, T_b_f_second: Array) -> ScanResult:
         """Scan from two taught flange poses until the plan is fulfilled or no step is possible.

@@ -52,13 +52,16 @@ class ProfileView:
     substep : Substep
         What it is taken for.
     T_b_f, T_b_s : ndarray, shape (4, 4)
-        Flange and sensor pose as reached, metres.
+        Flange and sensor pose as reached, metres; where a burst showed how far the sensor was from
+        its place of rest, with that.
     profile : Profile
         What the laser saw.
     time : float
         Seconds on the arm's clock.
     q : ndarray, shape (n,)
         Joint angles, radians.
+    sway : ndarray, shape (2,), optional
+        Standard deviations by which the sensor may be from there still, as of `SettledProfile`.
     """
 
     index: int
@@ -68,6 +71,7 @@ class ProfileView:
     profile: Profile
     time: float
     q: Array
+    sway: Array | None = None
 
 
 @array_dataclass

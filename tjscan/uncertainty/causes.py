@@ -35,7 +35,11 @@ HAND_EYE_CAUSE: Final = "laser on the hand"
 GEOMETRY_CAUSE: Final = "arm's geometry"
 HAND_EYE_AND_ARM_CAUSE: Final = "laser on the hand and arm's geometry"
 REPEATABILITY_CAUSE: Final = "arm's repeatability"
+SWAY_CAUSE: Final = "sway"
 CLOCK_CAUSE: Final = "laser's clock"
+
+LEAST_DISTANCE_AHEAD: Final = 5e-3
+"""Metres to another section that shows which way the groove leads."""
 
 ProfileBend = Callable[[Array, Array], Array]
 """How points of a profile move by places and tangents, see `bend` of `ViewCause`."""
@@ -237,6 +241,29 @@ def arm_geometry_cause(
     return motion_cause(
         GEOMETRY_CAUSE, evidence, sections, _twists_in_b(sections, in_f), is_shared=True
     )
+
+
+def sway_cause(sections: Sections) -> ViewCause:
+    """How far the sensor was from its place of rest after all: drawn again in each view.
+
+    Across the groove that is what the burst leaves open; along it nothing shows a motion. What of
+    one along the groove is seen in the plane of the laser is taken for one in it, so that the
+    error that is left is along the groove and not square to that plane.
+    """
+    origins = np.array([section.T_b_g[:3, 3] for section in sections])
+    twists = np.zeros((len(sections), 6, 3))
+    for k, section in enumerate(sections):
+        if section.view.sway is None:
+            continue
+        ways = origins - origins[k]
+        lengths = np.linalg.norm(ways, axis=1)
+        lengths[lengths < LEAST_DISTANCE_AHEAD] = np.inf
+        nearest = int(lengths.argmin())
+        ahead = ways[nearest] if np.isfinite(lengths[nearest]) else section.T_b_g[:3, 0]
+        axes, _ = np.linalg.qr(np.column_stack((ahead, np.eye(3))))
+        across, along = section.view.sway
+        twists[k, :3] = axes * (along, across, across)
+    return motion_cause(SWAY_CAUSE, "observed", sections, twists, is_shared=False)
 
 
 def clock_cause(sections: Sections) -> ViewCause:

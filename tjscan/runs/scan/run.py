@@ -57,6 +57,7 @@ from tjscan.scanning.recording import ScanRecordingWriter, read_recorded_scan
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView, Substep
 from tjscan.scanning.sections_before import GrooveReader
+from tjscan.scanning.settle import check_can_settle
 from tjscan.scanning.stopping import StopRequest
 from tjscan.uncertainty.budget import summarise_budget
 from tjscan.uncertainty.causes import budget_of_causes
@@ -125,6 +126,8 @@ class ScanContext(JobContext[ScanJob]):
             cell = make_cell(self.job, self.sensor_mount, scene, state)
             if self.job.scan.mode == "continuous":
                 devices_that_follow(cell.arm, cell.laser)
+            if self.job.scan.settle is not None:
+                check_can_settle(cell.laser)
             return cell
 
     def make_run_directory(self, directory: Path) -> None:
@@ -176,10 +179,12 @@ RESUMABLE_KEYS: Final = (
     "scan.prediction_case",
     "scan.resume_tolerance_mm",
     "scan.skip.",
+    "scan.settle.",
     "scan.adaptive.",
     "arm.uncertainty.",
     "arm.speed_mm_s",
     "arm.acceleration_mm_s2",
+    "arm.shaper.",
     "arm.ur.",
     "laser.uncertainty.",
     "clearance.",

@@ -82,6 +82,8 @@ def causes_of_job(
     ]
     if any(one.view.substep is Substep.FUSED for one in sections):
         found.append(view_causes.clock_cause(sections))
+    if any(one.view.sway is not None for one in sections):
+        found.append(view_causes.sway_cause(sections))
     left_out = [UNKNOWN_MOUNT_TEXT] if mount.covariance is None else []
     if linearity > 0:
         cause = view_causes.linearity_cause(sections, linearity, job.laser_model, of_linearity)
