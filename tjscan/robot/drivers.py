@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
+from tjscan.robot.abb.settings import AbbSettings
 from tjscan.robot.arm import Arm
 from tjscan.robot.cyclic.settings import CyclicSettings
+from tjscan.robot.fanuc.settings import FanucSettings
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.ur.settings import UrSettings
 
@@ -115,6 +117,12 @@ def _make_cyclic_arm(inputs: ArmDriverInputs, settings: CyclicSettings) -> Arm:
     return CyclicArm(inputs.kinematics, settings, inputs.limits)
 
 
+def _make_fanuc_arm(inputs: ArmDriverInputs, settings: FanucSettings) -> Arm:
+    from tjscan.robot.fanuc.arm import FanucArm
+
+    return FanucArm(inputs.kinematics, settings, inputs.limits)
+
+
 ARM_DRIVERS: Final = DriverRegistry(
     "arm",
     {
@@ -126,6 +134,8 @@ ARM_DRIVERS: Final = DriverRegistry(
         ),
         "replay": ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED),
         "ur": ArmDriverFactory(_make_ur_arm, UrSettings, extra="ur", client="rtde_control"),
+        "abb": ArmDriverFactory(_make_cyclic_arm, AbbSettings),
+        "fanuc": ArmDriverFactory(_make_fanuc_arm, FanucSettings),
         "kuka": ArmDriverFactory(_make_cyclic_arm, KukaSettings),
     },
     key="arm.driver",
