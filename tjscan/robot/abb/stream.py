@@ -12,11 +12,8 @@ from tjscan.robot.abb import packets
 from tjscan.robot.abb.packets import EgmPacket
 from tjscan.robot.cyclic.stream import CyclicStream
 
-UNHEARD_LIMIT: Final = 0.05
-"""Seconds for which an arm stands before EGM ends, if the controller heard nothing."""
-
-UNHEARD_DISTANCE: Final = np.radians(0.02)
-"""Radians that it is away from where it was sent, then."""
+UNHEARD_LIMIT: Final = 0.15
+"""Seconds for which an arm stands before EGM ends, if the controller heard nothing: no lag is."""
 
 
 class GuidanceStream(CyclicStream[EgmPacket]):
@@ -59,6 +56,4 @@ class GuidanceStream(CyclicStream[EgmPacket]):
         return self._lost_answers_fault()
 
     def _answers_are_lost(self) -> bool:
-        if self._packet is None or self._still * self._cycle <= UNHEARD_LIMIT:
-            return False
-        return bool(np.abs(self._packet.q - self._command).max() > UNHEARD_DISTANCE)
+        return self._unheard * self._cycle > UNHEARD_LIMIT

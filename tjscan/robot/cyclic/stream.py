@@ -28,6 +28,9 @@ FORGIVEN_SHARE: Final = 0.01
 STANDING_TURN: Final = np.radians(0.01)
 """Radians that no joint of a standing arm turns from where it came to stand: encoders are noisy."""
 
+UNHEARD_DISTANCE: Final = np.radians(0.02)
+"""Radians that a joint is away from where it was sent, if the controller heard nothing of it."""
+
 STANDING_LIMIT: Final = 0.3
 """Seconds for which an arm that was sent on may stand: longer than any arm lags."""
 
@@ -146,7 +149,7 @@ class CyclicStream(ABC, Generic[P]):
         self._port, self._time = 0, 0.0
         self.ignored: Counter[str] = Counter()
         self._lost = self._late = self._waited = self._clock_error = 0.0
-        self._still = self._stood = self._rested = self._paused = 0
+        self._unheard = self._stood = self._rested = self._paused = 0
         self._stood_at = np.full(6, np.inf)
         self._recent: deque[Array] = deque(maxlen=smoothed)
         self._base = np.zeros(6)
@@ -380,9 +383,9 @@ class CyclicStream(ABC, Generic[P]):
         if (fault := self._reported_fault(packet)) is not None:
             self.fail(fault, silent=True)
         moved = np.abs(packet.q - self._stood_at).max() > STANDING_TURN
-        away = np.abs(packet.q - self._command).max() > self.standing_distance
-        self._still = 0 if moved else self._still + 1
-        self._stood = 0 if moved or not away else self._stood + 1
+        apart = np.abs(packet.q - self._command).max()
+        self._unheard = 0 if moved or apart < UNHEARD_DISTANCE else self._unheard + 1
+        self._stood = 0 if moved or apart < self.standing_distance else self._stood + 1
         self._stood_at = packet.q if moved else self._stood_at
         if self._stood * self._cycle > STANDING_LIMIT:
             self.fail(self._standing_fault(), silent=True)
