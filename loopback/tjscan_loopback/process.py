@@ -237,7 +237,29 @@ class UrLoopbackProcess(LoopbackProgram):
         self.host = host
 
 
-class KukaLoopbackProcess(LoopbackProgram):
+class CyclicLoopbackProcess(LoopbackProgram):
+    """Process with a loopback controller that asks for joint angles in every cycle.
+
+    A context manager starts and ends it.
+
+    Parameters
+    ----------
+    command : str
+        The command of ``tjscan``.
+    host : str
+        The address that it sends from.
+    *options : str
+        Further options of that command.
+    """
+
+    ended, silent = ArmNotConnected, ArmNotResponding
+
+    def __init__(self, command: str, host: str, *options: str) -> None:
+        super().__init__(command, "--host", host, *options)
+        self.host = host
+
+
+class KukaLoopbackProcess(CyclicLoopbackProcess):
     """Process with a loopback KUKA controller; a context manager starts and ends it.
 
     Parameters
@@ -250,11 +272,8 @@ class KukaLoopbackProcess(LoopbackProgram):
         Further options of ``tjscan kuka-loopback``.
     """
 
-    ended, silent = ArmNotConnected, ArmNotResponding
-
     def __init__(self, host: str, computer: str, *options: str) -> None:
-        super().__init__("kuka-loopback", "--host", host, "--computer", computer, *options)
-        self.host = host
+        super().__init__("kuka-loopback", host, "--computer", computer, *options)
 
 
 class LaserLoopbackProcess(LoopbackProgram):

@@ -56,7 +56,7 @@ RUN: Final = {
 PARSED: Final = {
     r"tjscan scan --resume": "tests/runs/test_resume.py interrupts scans and goes on with them",
     r"tjscan scan .*--live": "serves a page until it is closed",
-    r"tjscan scan .*driver (replay|ur|kuka)": "a controller or another run stands behind it",
+    r"tjscan scan .*driver (replay|ur|kuka|abb|fanuc)": "a controller or a run is behind it",
     r"tjscan scan .*calibration.file": "tests/calibration/test_calibrate_command.py makes the file",
     r"tjscan teach (?!.*--lead-mm)": "no hand leads a simulated arm",
     r"tjscan groove first.csv": "the file comes from a real laser",
@@ -66,7 +66,7 @@ PARSED: Final = {
     r"tjscan stitch": "takes minutes; tests/runs/test_stitch_command.py runs it",
     r"tjscan chain": "takes minutes; tests/runs/test_chain.py runs it",
     r"tjscan laser ": "needs a laser; tests/loopback/laser/test_laser_loopback.py has one",
-    r"tjscan (ur|kuka|laser|vehicle|power)-loopback": "serves until it is interrupted",
+    r"tjscan (ur|kuka|abb|fanuc|laser|vehicle|power)-loopback": "serves until it is interrupted",
     r"tjscan view": "serves a page until it is closed",
     r"tjscan study .*--(scheduler|resume)": "wants a cluster, or a study that was interrupted",
     r"tjscan study examples/joints-study.toml --dry-run": "makes a hundred joints to check them",

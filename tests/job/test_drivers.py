@@ -106,12 +106,16 @@ def rows_of(run: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("overrides", "key", "words"),
     [
-        ({"arm.driver": "fanuc"}, "arm.driver", "no arm 'fanuc'.*Known: kuka, replay"),
+        ({"arm.driver": "fanu"}, "arm.driver", "no arm 'fanu'.*Known: abb, fanuc, kuka, replay"),
         ({"laser.driver": "simulatde"}, "laser.driver", "did you mean: simulated"),
         ({"arm.driver": "ur"}, "arm.driver", r"needs a table \[arm.ur\] with host"),
         ({"arm.ur.hots": "10.0.0.1"}, "arm.ur.hots", "unknown key; did you mean: host"),
         ({"arm.ur.host": "x", "arm.ur.payload_kg": -1}, "arm.ur.payload_kg", "greater than"),
-        ({"arm.driver": "urr", "arm.urr.host": "x"}, "arm.driver", "no arm 'urr'.*Known: kuka"),
+        (
+            {"arm.driver": "urr", "arm.urr.host": "x"},
+            "arm.driver",
+            "no arm 'urr'.*Known: abb, fanuc, kuka",
+        ),
         ({"arm.urr.host": "10.0.0.1"}, "arm.urr", "unknown key; did you mean: ur"),
         ({"arm.ur": 3}, "arm.ur", "must be a table"),
         ({"arm.driver": "replay"}, "arm.driver", 'laser.driver must be "replay"'),

@@ -21,8 +21,9 @@ from ur_cell import address
 
 from tjscan.core import errors
 from tjscan.core.frames import Array, rotation_angle_between
+from tjscan.robot.cyclic.arm import CyclicArm as KukaArm
+from tjscan.robot.cyclic.arm import rows_of_cycles
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.kuka.arm import KukaArm, rows_of_cycles
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.path import MotionLimits, PathPlanner
 
@@ -178,7 +179,7 @@ DRIVER = """
 import sys
 sys.path.insert(0, sys.argv[3])
 from tjscan.core.errors import MoveSupervisionLost
-from tjscan.robot.kuka.arm import KukaArm, rows_of_cycles
+from tjscan.robot.cyclic.arm import CyclicArm as KukaArm
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.path import MotionLimits, PathPlanner
 from kuka_cell import KINEMATICS, beside_home

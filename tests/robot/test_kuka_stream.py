@@ -12,9 +12,10 @@ from kuka_cell import HOME, KINEMATICS
 
 from tjscan.core import errors
 from tjscan.core.frames import Array
-from tjscan.robot.kuka.arm import rows_of_cycles
-from tjscan.robot.kuka.packets import PacketRefused, parse_packet
-from tjscan.robot.kuka.stream import SHORTEST_PAUSE, CorrectionStream
+from tjscan.robot.cyclic.arm import rows_of_cycles
+from tjscan.robot.cyclic.stream import SHORTEST_PAUSE, PacketRefused
+from tjscan.robot.kuka.packets import parse_packet
+from tjscan.robot.kuka.stream import CorrectionStream
 from tjscan.robot.path import MotionLimits, PathPlanner
 from tjscan_loopback.kuka.controller import LoopbackController, parse_answer
 

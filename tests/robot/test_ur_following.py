@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from tjscan.robot.following import JointMotion
 from tjscan.robot.ur.following import extended_path
-from tjscan_loopback.ur.faults import InjectedFault, ScheduledFault
+from tjscan_loopback.faults import ScheduledFault
+from tjscan_loopback.ur.faults import InjectedFault
 
 ROUNDING = 1e-7
 """Radians: angles are sent in steps of 6e-8."""

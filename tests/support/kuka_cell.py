@@ -8,8 +8,8 @@ import numpy as np
 from ur_cell import address
 
 from tjscan.core.frames import Array, pose
+from tjscan.robot.cyclic.arm import CyclicArm as KukaArm
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.kuka.arm import KukaArm
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.path import MotionLimits
 from tjscan_loopback.process import KukaLoopbackProcess
@@ -59,6 +59,6 @@ def stream_processes() -> list[int]:
     for thread in Path("/proc/self/task").iterdir():
         for pid in (thread / "children").read_text(encoding="ascii").split():
             words = Path(f"/proc/{pid}/cmdline")
-            if words.exists() and b"tjscan.robot.kuka.client" in words.read_bytes():
+            if words.exists() and b"tjscan.robot.cyclic.client" in words.read_bytes():
                 found.append(int(pid))
     return found

@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
+from tjscan.robot.abb.settings import AbbSettings
 from tjscan.robot.arm import Arm
+from tjscan.robot.cyclic.settings import CyclicSettings
+from tjscan.robot.fanuc.settings import FanucSettings
 from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.ur.settings import UrSettings
 
@@ -119,10 +122,16 @@ def _make_ur_arm(inputs: ArmDriverInputs, settings: UrSettings) -> Arm:
     return UrArm(inputs.kinematics, settings, inputs.limits)
 
 
-def _make_kuka_arm(inputs: ArmDriverInputs, settings: KukaSettings) -> Arm:
-    from tjscan.robot.kuka.arm import KukaArm
+def _make_cyclic_arm(inputs: ArmDriverInputs, settings: CyclicSettings) -> Arm:
+    from tjscan.robot.cyclic.arm import CyclicArm
 
-    return KukaArm(inputs.kinematics, settings, inputs.limits)
+    return CyclicArm(inputs.kinematics, settings, inputs.limits)
+
+
+def _make_fanuc_arm(inputs: ArmDriverInputs, settings: FanucSettings) -> Arm:
+    from tjscan.robot.fanuc.arm import FanucArm
+
+    return FanucArm(inputs.kinematics, settings, inputs.limits)
 
 
 ARM_DRIVERS: Final = DriverRegistry(
@@ -136,7 +145,9 @@ ARM_DRIVERS: Final = DriverRegistry(
         ),
         "replay": ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED),
         "ur": ArmDriverFactory(_make_ur_arm, UrSettings, extra="ur", client="rtde_control"),
-        "kuka": ArmDriverFactory(_make_kuka_arm, KukaSettings),
+        "abb": ArmDriverFactory(_make_cyclic_arm, AbbSettings),
+        "fanuc": ArmDriverFactory(_make_fanuc_arm, FanucSettings),
+        "kuka": ArmDriverFactory(_make_cyclic_arm, KukaSettings),
     },
     key="arm.driver",
     type=ArmDriverFactory,

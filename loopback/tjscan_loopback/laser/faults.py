@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.errors import ConfigurationError
+from tjscan_loopback.faults import split_fault
 
 
 class LaserFaultOrder(StrEnum):
@@ -65,11 +66,7 @@ def parse_laser_fault(line: str) -> OrderedLaserFault:
     ConfigurationError
         If it is neither.
     """
-    word, _, number = line.strip().partition(" ")
-    if word not in list(LaserFaultOrder):
-        close = nearest_word(word, list(LaserFaultOrder))
-        raise ConfigurationError(f"there is no fault {word!r}; did you mean: {close}?")
-    fault = LaserFaultOrder(word)
+    fault, number = split_fault(line, LaserFaultOrder)
     if not number:
         return OrderedLaserFault(fault)
     try:

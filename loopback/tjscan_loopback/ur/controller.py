@@ -12,7 +12,8 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
-from tjscan_loopback.ur.faults import InjectedFault, ScheduledFault
+from tjscan_loopback.faults import ScheduledFault
+from tjscan_loopback.ur.faults import InjectedFault
 from tjscan_loopback.ur.motion import DecelerationMotion, Motion
 from tjscan_loopback.ur.packets import PACKET_FAULTS, Inputs, PacketWay
 from tjscan_loopback.ur.program import RunningProgram
@@ -130,7 +131,7 @@ class LoopbackController:
         self._is_let_go = False
         self._missing = False
         self._programs = ControllerPrograms(self, report_line)
-        self._orders: list[ScheduledFault] = []
+        self._orders: list[ScheduledFault[InjectedFault]] = []
         self._moves = 0
 
     # What the network asks of it
@@ -182,10 +183,10 @@ class LoopbackController:
         self.runtime, self.patience = ProgramState.STOPPED, inf
         self.stop_instantly()
 
-    def schedule_fault(self, order: ScheduledFault) -> None:
+    def schedule_fault(self, order: ScheduledFault[InjectedFault]) -> None:
         """Schedule a fault for now or for a later move."""
-        if order.move:
-            self._orders.append(ScheduledFault(order.fault, self._moves + order.move))
+        if order.when:
+            self._orders.append(ScheduledFault(order.fault, self._moves + order.when))
         else:
             self._bring(order.fault)
 
@@ -309,7 +310,7 @@ class LoopbackController:
     # Motion and faults
 
     def _advance(self, motion: Motion, step: float) -> None:
-        due = [order for order in self._orders if order.move == self._moves]
+        due = [order for order in self._orders if order.when == self._moves]
         end = motion.duration / 2 if due else motion.duration
         before, passed = self.q, self._elapsed
         self._elapsed = min(self._elapsed + step, end)

@@ -1,11 +1,9 @@
-"""Faults that can be commanded, and when they come."""
+"""Faults that can be commanded."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
-
-from tjscan.core.errors import ConfigurationError, nearest_word
+from typing import Final
 
 
 class InjectedFault(StrEnum):
@@ -35,36 +33,4 @@ class InjectedFault(StrEnum):
     HOME = "home"
 
 
-@dataclass(frozen=True, slots=True)
-class ScheduledFault:
-    """A fault to inject, and the move in which it comes.
-
-    Parameters
-    ----------
-    fault : InjectedFault
-        What.
-    move : int
-        0: at once. Else half way through the move of this number, counted from now.
-    """
-
-    fault: InjectedFault
-    move: int = 0
-
-
-def parse_scheduled_fault(line: str) -> ScheduledFault:
-    """Parse ``FAULT`` (at once) or ``FAULT N`` (half way through the N-th move from now).
-
-    Raises
-    ------
-    ConfigurationError
-        If it is neither.
-    """
-    word, _, when = line.strip().partition(" ")
-    if word not in list(InjectedFault):
-        close = nearest_word(word, list(InjectedFault))
-        raise ConfigurationError(f"there is no fault {word!r}; did you mean: {close}?")
-    if not when:
-        return ScheduledFault(InjectedFault(word))
-    if not when.strip().isdigit() or int(when) < 1:
-        raise ConfigurationError(f"a fault comes in move 1, 2, ... (found {when.strip()!r})")
-    return ScheduledFault(InjectedFault(word), int(when))
+FAULT_COMES: Final = "half way through move 1, 2, ..."

@@ -14,10 +14,11 @@ from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.robot.closed_form import DhParameters
+from tjscan_loopback.faults import parse_scheduled_fault
 from tjscan_loopback.process import check_is_loopback_address
 from tjscan_loopback.ur.controller import LoopbackController
 from tjscan_loopback.ur.dashboard import DASHBOARD_GREETING, DashboardServer
-from tjscan_loopback.ur.faults import parse_scheduled_fault
+from tjscan_loopback.ur.faults import FAULT_COMES, InjectedFault
 from tjscan_loopback.ur.outputs import read_output
 from tjscan_loopback.ur.primary import kinematics_message
 from tjscan_loopback.ur.urscript.incoming import IncomingScripts
@@ -147,7 +148,7 @@ class LoopbackServer:
 
     def _obey(self, line: str) -> None:
         try:
-            order = parse_scheduled_fault(line)
+            order = parse_scheduled_fault(line, InjectedFault, FAULT_COMES)
         except ConfigurationError as error:
             self.report_line(f"refused {error}")
             return

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tjscan.core.errors import ConfigurationError, nearest_word
+from tjscan.core.errors import ConfigurationError
+from tjscan_loopback.faults import split_fault
 
 
 class VehicleFaultOrder(StrEnum):
@@ -79,12 +80,7 @@ def parse_ordered_fault(line: str, vehicles: int) -> OrderedFault:
     ConfigurationError
         If it is neither.
     """
-    word, _, which = line.strip().partition(" ")
-    if word not in list(VehicleFaultOrder):
-        close = nearest_word(word, list(VehicleFaultOrder))
-        raise ConfigurationError(f"there is no fault {word!r}; did you mean: {close}?")
-    if not which:
-        return OrderedFault(VehicleFaultOrder(word))
-    if not which.strip().isdecimal() or not 1 <= int(which) <= vehicles:
-        raise ConfigurationError(f"there are vehicles 1 to {vehicles} (found {which.strip()!r})")
-    return OrderedFault(VehicleFaultOrder(word), int(which))
+    fault, which = split_fault(line, VehicleFaultOrder)
+    if which and not (which.isdecimal() and 1 <= int(which) <= vehicles):
+        raise ConfigurationError(f"there are vehicles 1 to {vehicles} (found {which!r})")
+    return OrderedFault(fault, int(which or 0))

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.robot.cyclic.stream import CyclePacket, PacketRefused
 
 AXIS_NAMES: Final = ("A1", "A2", "A3", "A4", "A5", "A6")
 
@@ -27,33 +28,19 @@ PROGRAM_ACTIVE: Final = 3
 """State of the robot interpreter while its program runs, as the RSI object Status reports it."""
 
 
-class PacketRefused(Exception):
-    """A packet is none that a controller sends; the message states why."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class RobPacket:
+class RobPacket(CyclePacket):
     """State of the controller in one cycle.
+
+    Its stamp is the IPOC in milliseconds, its `q` AIPos, its `set_point` ASPos, its `tool_b` RIst
+    and its `late` Delay.
 
     Parameters
     ----------
-    ipoc : int
-        Its time stamp, milliseconds.
-    q, set_point : ndarray, shape (6,)
-        Joint angles as measured (AIPos) and as the program set them (ASPos), radians.
-    tool_b : ndarray, shape (3,)
-        Position of the active tool (RIst), metres.
-    late : int
-        How many answers came late or never, since RSI began (Delay).
     program : int or None
         State of the robot interpreter (Status R); None if it is not sent.
     """
 
-    ipoc: int
-    q: Array
-    set_point: Array
-    tool_b: Array
-    late: int
     program: int | None
 
 
@@ -76,8 +63,10 @@ def parse_packet(data: bytes) -> RobPacket:
     if (root.tag, root.get("Type")) != ("Rob", "KUKA"):
         found = f"a <{root.tag}> of Type {root.get('Type')!r}"
         raise PacketRefused(f"it is {found}, not a <Rob> of Type 'KUKA'")
+    ipoc = _time_stamp(root.findtext("IPOC", ""))
     return RobPacket(
-        ipoc=_time_stamp(root.findtext("IPOC", "")),
+        stamp=ipoc,
+        time=1e-3 * ipoc,
         q=np.radians(_numbers(root, "AIPos", AXIS_NAMES)),
         set_point=np.radians(_numbers(root, "ASPos", AXIS_NAMES)),
         tool_b=1e-3 * _numbers(root, "RIst", ("X", "Y", "Z")),

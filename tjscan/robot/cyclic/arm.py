@@ -1,4 +1,4 @@
-"""A KUKA arm behind the `Arm` protocol, moved by corrections over RobotSensorInterface.
+"""An arm behind the `Arm` protocol that is sent its joint angles in every cycle.
 
 A process of its own answers the controller in every cycle (`client`); this one plans each move,
 hands it the joint angles of every cycle, and watches it. After a fault the arm takes no more
@@ -19,11 +19,10 @@ from tjscan.core import errors
 from tjscan.core.frames import Array
 from tjscan.core.process import ClientProcess
 from tjscan.robot.arm import STATE_READING_PAUSE, ArmState
+from tjscan.robot.cyclic.client import LEAVE_LIMIT
+from tjscan.robot.cyclic.settings import CyclicSettings
+from tjscan.robot.cyclic.stream import StreamState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.kuka.client import LEAVE_LIMIT
-from tjscan.robot.kuka.packets import AXIS_NAMES
-from tjscan.robot.kuka.settings import KukaSettings
-from tjscan.robot.kuka.stream import StreamState
 from tjscan.robot.path import JointTrajectory, MotionLimits
 from tjscan.robot.planned import PathPlan, PlannedArm
 
@@ -52,8 +51,8 @@ def rows_of_cycles(path: JointTrajectory, cycle: float) -> Array:
     return path.joint_angles_at(np.linspace(0.0, count * cycle, count + 1))
 
 
-class KukaArm(PlannedArm):
-    """A KUKA arm, or the loopback controller in its place.
+class CyclicArm(PlannedArm):
+    """An arm whose controller asks for joint angles in every cycle, or a loopback in its place.
 
     Its poses are computed from its joint angles by the model.
 
@@ -61,17 +60,18 @@ class KukaArm(PlannedArm):
     ----------
     kinematics : Kinematics
         The arm as its maker draws it, six joints.
-    settings : KukaSettings
+    settings : CyclicSettings
         Where its controller is.
     limits : MotionLimits, optional
         How fast it may move.
     """
 
     def __init__(
-        self, kinematics: Kinematics, settings: KukaSettings, limits: MotionLimits | None = None
+        self, kinematics: Kinematics, settings: CyclicSettings, limits: MotionLimits | None = None
     ) -> None:
-        if len(kinematics.lower) != len(AXIS_NAMES):
-            message = f"RSI moves six joints, {kinematics.name} has {len(kinematics.lower)}"
+        if len(kinematics.lower) != 6:
+            message = f"{settings.session} moves six joints, {kinematics.name} has "
+            message += f"{len(kinematics.lower)}"
             raise errors.ConfigurationError(message, key="arm.model")
         super().__init__(kinematics, limits)
         self.settings = settings
@@ -85,14 +85,14 @@ class KukaArm(PlannedArm):
         Raises
         ------
         ArmFault
-            If it does not send, or RSI ran already.
+            If it does not send, or its program ran already.
         ConfigurationError
             If it is another model than it should be.
         """
         self._latch.clear_stop()
         self._fault, self._noted = None, set()
         self._link = ClientProcess(
-            "tjscan.robot.kuka.client",
+            "tjscan.robot.cyclic.client",
             "the client of the arm's controller",
             errors.ArmConnectionLost,
             errors.ArmNotResponding,
@@ -107,7 +107,7 @@ class KukaArm(PlannedArm):
         return self
 
     def __exit__(self, *error: Any) -> None:
-        """Bring the arm to rest, let the controller end RSI, and disconnect."""
+        """Bring the arm to rest, let the controller end its program, and disconnect."""
         self.stop()
         self._disconnect()
 
@@ -117,9 +117,9 @@ class KukaArm(PlannedArm):
 
     def _move(self, plan: PathPlan, T_b_f: Array, *, linear: bool) -> ArmState:
         with self._latch.hold_for_move():
-            path = plan(self._read_state().command)
+            path = plan(self._model_angles(self._read_state().command))
             if path.duration > 0:
-                rows = rows_of_cycles(path, self.settings.cycle)
+                rows = self._controller_angles(rows_of_cycles(path, self.settings.cycle))
                 try:
                     with self._latch.begin_move_unless_stopped():
                         self._ask_client("begin_move", rows, path.ramp)
@@ -150,7 +150,7 @@ class KukaArm(PlannedArm):
         if not near:
             self._fault = errors.PoseNotReached(
                 f"it is {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from there. See "
-                "that nothing holds the arm, and that no limit of its RSI context does, then start "
+                "that nothing holds the arm, and that no limit of its controller does, then start "
                 "again.",
                 T_b_f,
                 reached.T_b_f,
@@ -172,27 +172,44 @@ class KukaArm(PlannedArm):
 
     def _await_first_packet(self) -> None:
         settings, until = self.settings, time.monotonic() + self.settings.connect_limit
-        place = f"the controller at {settings.host} on port {settings.port} of {settings.bind}"
-        self._listener("connecting", f"waits for {place}: start its RSI program on the pendant")
+        place = f"the controller at {settings.host}, {settings.listening}"
+        program = f"its {settings.session} program on the pendant"
+        self._listener("connecting", f"waits for {place}: start {program}")
         while self._ask_client("read_state") is None:
             if time.monotonic() > until:
+                ignored = self._ask_client("read_ignored").items()
                 raise errors.ArmNotConnected(
-                    f"no packet came from {place} for {settings.connect_limit:g} s. Start the RSI "
-                    "program on its pendant while this program waits; see that its configuration "
-                    "names this address and port, and that no firewall is between."
+                    f"no packet came from {place}, that could be answered, for "
+                    f"{settings.connect_limit:g} s"
+                    f"{''.join(f'; {count} {what} were ignored' for what, count in ignored)}. "
+                    f"Start {program} while this one waits; see that its configuration names this "
+                    "address and port, and that no firewall is between."
                 )
             self._latch.wait_for_stop(STATE_READING_PAUSE)
 
     def _check_arm_model(self) -> None:
+        """Refuse an arm whose controller has its flange elsewhere than the model has it."""
         state = self._read_state()
-        apart = np.linalg.norm(self.kinematics.forward(state.q)[:3, 3] - state.tool_b)
+        apart = self._flange_distance(self._model_angles(state.q), state)
         if apart > WRONG_ARM_MODEL_DISTANCE:
             raise errors.ConfigurationError(
                 f"the controller has its flange {1e3 * apart:.0f} mm from where a "
                 f"{self.kinematics.name} with these joint angles has it: name the right arm, or "
-                "let its program set $TOOL to $NULLFRAME and $BASE to $ROBROOT",
+                f"{self.settings.frames_advice}",
                 key="arm.model",
             )
+
+    def _flange_distance(self, q: Array, state: StreamState) -> float:
+        """Metres between the flange as the model has it, and as the controller reports it."""
+        return float(np.linalg.norm(self.kinematics.forward(q)[:3, 3] - state.tool_b))
+
+    def _model_angles(self, q: Array) -> Array:
+        """Joint angles of the model from those of the controller, shape (..., 6)."""
+        return q
+
+    def _controller_angles(self, q: Array) -> Array:
+        """Joint angles of the controller from those of the model, shape (..., 6)."""
+        return q
 
     def _read_state(self) -> StreamState:
         state: StreamState = self._ask_client("read_state")
@@ -202,7 +219,8 @@ class KukaArm(PlannedArm):
         return state
 
     def _arm_state(self, state: StreamState) -> ArmState:
-        return ArmState(state.q, self.kinematics.forward(state.q), state.time)
+        q = self._model_angles(state.q)
+        return ArmState(q, self.kinematics.forward(q), state.time)
 
     def _ask_client(self, name: str, *arguments: object, limit: float = CLIENT_ANSWER_LIMIT) -> Any:
         """Call a method of the client; raises the arm's fault if there is one."""

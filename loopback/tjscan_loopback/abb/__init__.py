@@ -1,0 +1,1 @@
+"""A loopback ABB controller with Externally Guided Motion (EGM)."""

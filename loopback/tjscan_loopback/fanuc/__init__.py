@@ -1,0 +1,1 @@
+"""A loopback FANUC controller with Stream Motion."""

@@ -1,0 +1,275 @@
+"""ABB's and FANUC's drivers, through their process and UDP, against the loopback controllers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from _maker_jobs import ABB as BEFORE_ABB
+from _maker_jobs import FANUC as BEFORE_FANUC
+from _maker_jobs import JOB
+from cells import FAULTLESS, scan_example
+from command import tjscan
+from kuka_cell import stream_processes
+from maker_cell import ABB, FANUC, Maker, MakerCell
+from pydantic import TypeAdapter, ValidationError
+from ur_cell import address
+
+from tjscan.core import errors
+from tjscan.core.frames import Array, rotation_angle_between
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.path import MotionLimits
+
+ARRIVAL = 1e-5
+"""Metres between a goal and the arm: float32 of a FANUC's packets is less."""
+
+SILENCE = 5.0
+"""Seconds after which a controller is silent: a busy machine is, for less."""
+
+ROUNDING = 1e-4
+
+
+@pytest.fixture(scope="module", params=[ABB, FANUC], ids=lambda maker: maker.name)
+def running(request: pytest.FixtureRequest) -> Iterator[MakerCell]:
+    """A controller that stays for all tests of this module."""
+    with MakerCell(request.param) as cell:
+        yield cell
+
+
+@pytest.fixture
+def cell(running: MakerCell) -> Iterator[MakerCell]:
+    """That controller, all right and where it started; no process of the driver is left behind."""
+    running.schedule_fault("home")
+    running.unread_output()
+    yield running
+    assert stream_processes() == []
+
+
+def assert_is_at(cell: MakerCell, T_b_f: Array) -> None:
+    there = cell.maker.kinematics.forward(cell.true_q())
+    np.testing.assert_allclose(there[:3, 3], T_b_f[:3, 3], rtol=0, atol=ARRIVAL)
+    assert rotation_angle_between(there, T_b_f) < np.radians(1e-3)
+
+
+def assert_was_never_too_fast(cell: MakerCell) -> None:
+    truth = cell.ask_for_truth()
+    assert truth["fastest"] <= cell.limits.joint_speed * (1 + ROUNDING)
+    assert truth["misread"] == 0
+
+
+def test_moves_arrive_where_they_were_told_to(cell: MakerCell) -> None:
+    beside = cell.maker.beside_home
+    with cell.arm() as arm:
+        before = arm.state()
+        for move, T_b_f in (
+            (arm.move_joint_to_pose, beside(0.05, 0.03)),
+            (arm.move_linear, beside(0.0, 0.04)),
+            (arm.move_linear, beside(0.0, 0.04)),
+            (arm.move_linear, beside()),
+        ):
+            reached = move(T_b_f)
+            assert_is_at(cell, T_b_f)
+            np.testing.assert_allclose(reached.T_b_f[:3, 3], T_b_f[:3, 3], rtol=0, atol=ARRIVAL)
+            assert reached.time > before.time
+            before = reached
+    cell.wait_for_line("ended")
+    assert_was_never_too_fast(cell)
+
+
+@pytest.mark.parametrize(
+    ("fault", "event"),
+    [
+        ("lose-packet", "that never came"),
+        ("double-packet", "with a repeated {}"),
+        ("old-packet", "with an older {}"),
+        ("foreign-packet", "from another address"),
+    ],
+)
+def test_one_packet_more_or_less_is_nothing_but_an_event(
+    cell: MakerCell, fault: str, event: str
+) -> None:
+    heard: list[str] = []
+    event, goal = event.format(cell.maker.stamp), cell.maker.beside_home(0.0, 0.05)
+    with cell.arm() as arm:
+        arm.report_events_to(lambda name, sentence: heard.append(f"{name}: {sentence}"))
+        for cycles in (20, 60):
+            cell.schedule_fault(f"{fault} {cycles}")
+        arm.move_joint_to_pose(goal)
+        cell.wait_for_line(f"fault {fault}")
+        assert_is_at(cell, goal)
+    assert_was_never_too_fast(cell)
+    assert [line.rpartition(" of the controller ")[2] for line in heard] == [event]
+
+
+@pytest.mark.parametrize("fault", ["lose-answer", "late-answer"])
+def test_an_answer_that_is_lost_or_late_is_made_up_for(cell: MakerCell, fault: str) -> None:
+    goal = cell.maker.beside_home(0.0, 0.05)
+    with cell.arm() as arm:
+        for cycles in (20, 60):
+            cell.schedule_fault(f"{fault} {cycles}")
+        arm.move_joint_to_pose(goal)
+        cell.wait_for_line(f"fault {fault}")
+        assert_is_at(cell, goal)
+
+
+LOST = errors.ArmConnectionLost
+ENDS: dict[str, dict[str, tuple[type[errors.ArmFault], str]]] = {
+    "abb": {
+        "lose-answers": (LOST, "answers did not reach"),
+        "lose-packets": (LOST, "seqno .* jumped"),
+        "wrong-seqno": (LOST, "seqno .* jumped"),
+        "wrong-type": (LOST, "mtype is 4"),
+        "malformed": (LOST, "refused"),
+        "frozen-seqno": (errors.ArmNotResponding, "repeated seqno"),
+        "stop": (errors.ArmNotResponding, "nothing new came"),
+        "stand": (errors.ProtectiveStop, "motors of the arm are off"),
+        "stop-program": (errors.ProgramStopped, "RAPID program"),
+    },
+    "fanuc": {
+        "lose-answers": (LOST, "answers did not reach"),
+        "lose-packets": (LOST, "number .* jumped"),
+        "wrong-number": (LOST, "number .* jumped"),
+        "wrong-type": (LOST, "type 203"),
+        "malformed": (LOST, "194 bytes"),
+        "frozen-number": (errors.ArmNotResponding, "repeated number"),
+        "stop": (errors.ArmNotResponding, "nothing new came"),
+        "stand": (errors.EmergencyStop, "emergency stop"),
+        "stop-program": (errors.ProgramStopped, "program .* is stopped"),
+    },
+}
+SILENCING = ("lose-answers", "frozen-seqno", "frozen-number", "stop")
+
+
+@pytest.mark.parametrize("number", range(9))
+def test_each_fault_in_a_move_ends_it_by_name_and_holds(cell: MakerCell, number: int) -> None:
+    fault, (error, words) = list(ENDS[cell.maker.name].items())[number]
+    goal = cell.maker.beside_home(0.0, 0.2)
+    with cell.arm(silence=SILENCE if fault in SILENCING else 30.0) as arm:
+        cell.schedule_fault(f"{fault} 40")
+        with pytest.raises(error, match=words):
+            arm.move_joint_to_pose(goal)
+        with pytest.raises(error, match=words):
+            arm.move_joint_to_pose(cell.maker.beside_home())
+    rests = cell.true_q()
+    assert np.linalg.norm(cell.maker.kinematics.forward(rests)[:3, 3] - goal[:3, 3]) > 0.05
+    assert_was_never_too_fast(cell)
+    np.testing.assert_array_equal(cell.true_q(), rests)
+
+
+def test_a_stop_from_another_thread_ends_the_move(cell: MakerCell) -> None:
+    with cell.arm(limits=MotionLimits(tcp_speed=0.05)) as arm:
+
+        def stop() -> None:
+            cell.wait_for_line("fault double-packet")
+            arm.stop()
+
+        cell.schedule_fault("double-packet 40")
+        stopper = threading.Thread(target=stop)
+        stopper.start()
+        with pytest.raises(errors.ArmFault, match="stopped on its way"):
+            arm.move_joint_to_pose(cell.maker.beside_home(0.0, 0.2))
+        stopper.join()
+        arm.accept_moves_again()
+        arm.move_joint_to_pose(cell.maker.beside_home())
+        assert_is_at(cell, cell.maker.beside_home())
+    assert_was_never_too_fast(cell)
+
+
+def test_another_arm_than_the_job_says_is_refused(cell: MakerCell) -> None:
+    with (
+        pytest.raises(errors.ConfigurationError, match="name the right arm"),
+        cell.maker.arm(Kinematics.load("kr5_arc"), cell.settings()),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("maker", [ABB, FANUC], ids=lambda maker: maker.name)
+def test_no_controller_is_told(maker: Maker) -> None:
+    silent = maker.settings(address(), bind=address(), connect_limit=1.0)
+    with (
+        pytest.raises(errors.ArmNotConnected, match="no packet came"),
+        maker.arm(maker.kinematics, silent),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("maker", [ABB, FANUC], ids=lambda maker: maker.name)
+def test_a_slower_controller_than_the_job_says_is_refused(maker: Maker) -> None:
+    with (
+        MakerCell(maker, "--fast", "--cycle-ms", "16") as cell,
+        pytest.raises(errors.ArmFault, match="where cycle_ms = "),
+        cell.arm() as arm,
+    ):
+        arm.move_joint_to_pose(maker.beside_home(0.0, 0.2))
+
+
+def test_j3_from_the_horizontal_is_found_by_the_pose() -> None:
+    with MakerCell(FANUC, "--fast", "--j3-from-horizontal") as cell, cell.arm() as arm:
+        np.testing.assert_allclose(arm.state().q, FANUC.home, atol=1e-6)
+        arm.move_joint_to_pose(FANUC.beside_home(0.05, 0.05))
+        assert_is_at(cell, FANUC.beside_home(0.05, 0.05))
+
+
+def test_with_j2_at_0_its_count_of_j3_is_unknown_and_it_is_refused() -> None:
+    home = ("--home-deg", "0", "0", "0", "0", "-60", "0")
+    with (
+        MakerCell(FANUC, "--fast", *home) as cell,
+        pytest.raises(errors.ConfigurationError, match="jog J2"),
+        cell.arm(),
+    ):
+        pass
+
+
+def test_an_unsmoothed_path_is_refused_for_its_jerk_by_the_controller() -> None:
+    with MakerCell(FANUC) as cell, cell.arm(smoothing=0.0) as arm:
+        with pytest.raises(errors.ProtectiveStop, match="with an error"):
+            arm.move_joint_to_pose(FANUC.beside_home(0.0, 0.2))
+        assert "jerk" in cell.wait_for_line("stopped")
+
+
+@pytest.mark.parametrize("maker", [ABB, FANUC], ids=lambda maker: maker.name)
+def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(maker: Maker) -> None:
+    before = {"abb": BEFORE_ABB, "fanuc": BEFORE_FANUC}[maker.name]
+    short = FAULTLESS | before.job_keys()
+    with MakerCell(maker, *before.options) as cell:
+        table: dict[str, object] = {"host": cell.host, "bind": cell.bind, "silence_s": 30.0}
+        table["cycle_ms"] = float(before.cycle_ms)
+        driven = scan_example(
+            short | {"arm.driver": maker.name, f"arm.{maker.name}": table}, file=JOB
+        )
+        assert_was_never_too_fast(cell)
+    simulated = scan_example(short, file=JOB)
+    assert len(driven.sections) == len(simulated.sections) >= 6
+    for one, other in zip(driven.sections, simulated.sections, strict=True):
+        np.testing.assert_allclose(one.points_b, other.points_b, rtol=0, atol=2e-5)  # 0.02 mm
+
+
+@pytest.mark.parametrize(
+    ("maker", "keys", "words"),
+    [
+        (ABB, {"host": "10.0.0.5"}, "can't send"),
+        (ABB, {"host": "127.0.0.5", "cycle_ms": 6.0}, "multiple"),
+        (FANUC, {"host": "127.0.0.5", "port": 70000}, "65535"),
+        (FANUC, {"host": "10.0.0.5"}, "can't send"),
+    ],
+)
+def test_a_table_that_can_not_be_is_refused(
+    maker: Maker, keys: dict[str, object], words: str
+) -> None:
+    with pytest.raises(ValidationError, match=words):
+        TypeAdapter(maker.settings).validate_python(keys)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("abb-loopback", "--cycle-ms", "5"),
+        ("abb-loopback", "--computer", "192.168.0.10:6510"),
+        ("fanuc-loopback", "--cycle-ms", "99"),
+        ("fanuc-loopback", "--host", "0.0.0.0"),
+    ],
+)
+def test_a_loopback_refuses_what_can_not_be(options: tuple[str, ...]) -> None:
+    assert tjscan(*options) == 2

@@ -1,0 +1,1 @@
+"""An ABB arm over Externally Guided Motion (EGM)."""

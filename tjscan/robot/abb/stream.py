@@ -1,0 +1,59 @@
+"""What each message of an ABB controller is answered: the joint angles it guides the arm to."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from tjscan.core import errors
+from tjscan.core.frames import Array
+from tjscan.robot.abb import packets
+from tjscan.robot.abb.packets import EgmPacket
+from tjscan.robot.cyclic.stream import CyclicStream
+
+UNHEARD_LIMIT: Final = 0.15
+"""Seconds for which an arm stands before EGM ends, if the controller heard nothing: no lag is."""
+
+
+class GuidanceStream(CyclicStream[EgmPacket]):
+    """Stream of joint angles to one controller; see `CyclicStream`.
+
+    EGM does not report which answers it took. That they are lost shows by the arm, which stands
+    while motors, program and EGM run.
+    """
+
+    session, stamp_name, unready = "EGM", "seqno", "before EGM ran"
+    standing_distance = np.radians(0.1)
+
+    def _parse(self, data: bytes) -> EgmPacket:
+        return packets.parse_packet(data)
+
+    def _format(self, command: Array, packet: EgmPacket, *, stop: bool) -> bytes:
+        return packets.format_answer(command, packet)
+
+    def _is_ready(self, packet: EgmPacket) -> bool:
+        return packet.egm == packets.MCI_RUNNING
+
+    def _reported_fault(self, packet: EgmPacket) -> errors.ArmFault | None:
+        advice = "Read its pendant's messages, clear the way, then start again."
+        if packet.motors == packets.MOTORS_OFF:
+            return errors.ProtectiveStop(
+                "the motors of the arm are off: an emergency or protective stop, or they were "
+                f"switched off. {advice}"
+            )
+        if packet.rapid == packets.RAPID_STOPPED:
+            return errors.ProgramStopped(
+                f"the RAPID program on the arm's controller is stopped. {advice}"
+            )
+        if packet.egm != packets.MCI_RUNNING:
+            return errors.ProgramStopped(
+                f"EGM has ended on the arm's controller (mciState {packet.egm}). {advice}"
+            )
+        return None
+
+    def _standing_fault(self) -> errors.ArmFault:
+        return self._lost_answers_fault()
+
+    def _answers_are_lost(self) -> bool:
+        return self._unheard * self._cycle > UNHEARD_LIMIT

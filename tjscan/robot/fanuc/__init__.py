@@ -1,0 +1,1 @@
+"""A FANUC arm over Stream Motion."""
