@@ -20,7 +20,7 @@ from tjscan.robot.kinematics import Kinematics
 FARTHEST_BODY: Final = 2.5
 """Metres from its base that no body of an arm is farther than."""
 
-SWEEP_RESOLUTION, LONGEST_SWEEP_STEP = 2e-3, 0.1
+SWEEP_RESOLUTION, LONGEST_SWEEP_STEP = 2e-3, 0.5
 """Metres that bodies may go between two looks, where they are at their margin and where they are
 far from it."""
 

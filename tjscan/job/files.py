@@ -185,16 +185,17 @@ class CellJob(StrictFileModel):
     def jobs_at_stations(self) -> tuple[Self, ...]:
         """The job at each of its stations where the arm is, one job a station.
 
-        A simulated arm is at all of them, a real one at one; start poses that another station
-        gives are not known yet.
+        A simulated arm is at all of them, and one on a carrier gets there, but for start poses that
+        another station gives; any other is at one.
 
         Raises
         ------
         ConfigurationError
             If the arm is a real one, and the job has several stations.
         """
-        if self.station and self.arm.driver_kind is DriverKind.SIMULATED:
-            taught = [one.name for one in self.station if self.carrier is None or one.first]
+        carried = self.carrier is not None
+        if self.station and (carried or self.arm.driver_kind is DriverKind.SIMULATED):
+            taught = [one.name for one in self.station if one.first or not carried]
             return tuple(self.job_at_station(name) for name in taught)
         return (self.job_at_station(),)
 

@@ -199,6 +199,7 @@ RESUMABLE_KEYS: Final = (
     "laser.uncertainty.",
     "clearance.",
     "simulation.",
+    "carrier.simulated.",
 )
 """Keys that may change while a scan goes on."""
 

@@ -111,7 +111,8 @@ class Carriage:
         job = there.job.with_carrier_at(reached)
         if job.station[0].first is None and i:
             starts = start_poses_in_overlap(seen, job.station[0].overlap)
-            T = inverse_pose(job.T_w_b) @ read_scan_job(before / JOB_FILE).T_w_b
+            was = read_scan_job(before / JOB_FILE).carrier_values
+            T = inverse_pose(job.T_w_b) @ self._kinematics.T_w_b(was)
             first, second = (_pose_settings(T @ start) for start in starts)
             station = replace(job.station[0], first=first, second=second)
             job = job.model_copy(update={"station": (station,)})
@@ -254,6 +255,14 @@ def carriage_of_job(
         yield None
         return
     begun = [name for name in job.station_names if _is_begun(directory / name)]
+    for name in begun:
+        before = read_scan_job(file := directory / name / JOB_FILE).carrier
+        if before is None or replace(before, drivers=job.carrier.drivers) != job.carrier:
+            raise errors.ConfigurationError(
+                f"is not as in {file}: what was scanned there would not fit. Start a new scan",
+                file=context.job_file,
+                key="carrier",
+            )
     last = context.at_station(begun[-1] if begun else job.station_names[0]).job.carrier_values
     with job.carrier.make_device(CarrierDriverInputs(job.carrier.kinematics, last, ask)) as carrier:
         yield Carriage(context, directory, carrier)
