@@ -253,6 +253,9 @@ class StationSettings(units.SettingsTable):
     overlap : float
         With a carrier, how much of what the station before scanned is scanned again if no start
         poses are stated, metres.
+    posture : tuple of float, optional
+        With a carrier, joint angles near which the arm takes the first start pose, radians; those
+        nearest to where it is if left out.
     direction : ScanDirection, optional
         As in [scan], which holds if this is left out.
     length : float, optional
@@ -269,6 +272,7 @@ class StationSettings(units.SettingsTable):
     euler_zyx: units.EulerAngles | None = None
     carrier: Annotated[tuple[float, ...] | None, units.LIST_OR_WORD_IN_FILE] = None
     overlap: Annotated[float, Ge(20), Le(2000), units.MM] = 0.12
+    posture: arm_settings.JointAngles | None = None
     direction: Annotated[ScanDirection, units.LIST_OR_WORD_IN_FILE] | None = None
     length: Annotated[float | None, Ge(5), units.MM] = None
     sections: Annotated[int | None, Ge(3)] = None

@@ -229,15 +229,20 @@ def _hindered_station(
 def _hindrance_of_scan(job: ScanJob, joint: JointDefinition, mount: SensorMount) -> str:
     """Why a simulated scan does not do all that its job asks, or shows too little; or nothing."""
     cell = make_cell(job, mount, partial(joint_scene, job, joint))
+    home = None if job.carrier is None else job.carrier.home
     try:
+        if home is not None:
+            with cell:
+                near = np.array(job.station[0].posture)
+                cell.arm.move_joint_to_pose(job.start_poses[0].T, near=near)
         result = scan_in_cell(cell, job, CombinedJournal())
         sections, read = result.sections, groove_reader_of_job(job)
         station = station_from_recording("", job.T_w_b, sections, result.views, read)
         fit_tubes_to_stations((station,), DEFAULT_STITCH_SETTINGS)
-        if job.carrier is not None and job.carrier.home is not None:
-            home = np.array(job.carrier.home)
+        if home is not None:
             with cell:
-                cell.arm.move_joint_to_pose(cell.clearance.kinematics.forward(home), near=home)
+                T_b_f = cell.clearance.kinematics.forward(np.array(home))
+                cell.arm.move_joint_to_pose(T_b_f, near=np.array(home))
     except (ArmFault, LaserFault, StitchingRefused) as error:
         return message_with_notes(error)
     return "" if plan_is_fulfilled(result.stop, job.scan) else result.detail
@@ -476,12 +481,14 @@ def _job_table(searched: _Search, stations: tuple[ReachedArc, ...]) -> dict[str,
 
 
 def _overlaps(searched: _Search, stations: tuple[ReachedArc, ...]) -> list[dict[str, Any]]:
-    """How far each station but the first overlaps the one before, as its table has it."""
+    """How far stations overlap those before, and their postures, as their tables have it."""
     found: list[dict[str, Any]] = [{}]
     for before, arc in pairwise(stations):
         shared = (before.last - arc.first) % AZIMUTHS_TRIED
         length = searched.groove_length(arc.first, shared)
         found.append({"overlap_mm": round(1e3 * length, 1)})
+    for table, arc in zip(found, stations, strict=True):
+        table["posture_deg"] = np.round(np.degrees(arc.q[0]), 1).tolist()
     return found
 
 

@@ -90,23 +90,27 @@ class Carriage:
         ScanInterrupted
             If everything was to stop at once.
         """
-        names, there = self._context.job.station_names, self._context.at_station(name)
-        i = names.index(name)
+        try:
+            return self._brought_to(self._context.job.station_names.index(name))
+        except errors.TjscanError as error:
+            if self._context.stop.must_stop_now:
+                raise errors.ScanInterrupted from error
+            raise
+
+    def _brought_to(self, i: int) -> ScanContext:
+        names = self._context.job.station_names
+        there = self._context.at_station(names[i])
         before = self._directory / names[max(i - 1, 0)]
         seen = self._read_sections(before) if i else ()
-        self._find_arm(before, self._directory / name)
-        if not self._is_at(self._stops[i]):
+        self._find_arm(before, self._directory / names[i])
+        if moves := not self._is_at(self._stops[i]):
             here = self._context.at_station(before.name)
             first_move = i == 1 and self._is_at(self._stops[0])
-            try:
-                self._draw_back(here, seen if first_move else ())
-                if first_move and seen and self._settings.driver != "none":
-                    self._check_directions(here, seen)
-                self._move_to(here, self._stops[i])
-            except errors.TjscanError as error:
-                if self._context.stop.must_stop_now:
-                    raise errors.ScanInterrupted from error
-                raise
+            with self._cell(here) as cell:  # and the arm is drawn back
+                ScannedSurfaceObstacle(cell.clearance, seen if first_move else ())
+            if first_move and seen and self._settings.driver != "none":
+                self._check_directions(here, seen)
+            self._move_to(here, self._stops[i])
         reached = self._carrier.state()
         job = there.job.with_carrier_at(reached)
         if job.station[0].first is None and i:
@@ -116,6 +120,10 @@ class Carriage:
             first, second = (_pose_settings(T @ start) for start in starts)
             station = replace(job.station[0], first=first, second=second)
             job = job.model_copy(update={"station": (station,)})
+        if moves and (posture := job.station[0].posture) is not None:
+            with self._cell(replace(there, job=job), drawn_back=False) as cell:
+                T_b_f = job.start_poses[0].T
+                self._left = cell.arm.move_joint_to_pose(T_b_f, near=np.array(posture))
         arrived = RunEvent("carrier", f"at {self._kinematics.describe(reached)}")
         return replace(there, job=job, left=self._left, arrived=(arrived,))
 
@@ -136,19 +144,17 @@ class Carriage:
         return done.reread_sections(groove_reader_of_job(self._context.job))
 
     @contextmanager
-    def _cell(self, here: ScanContext) -> Iterator[Cell]:
+    def _cell(self, here: ScanContext, *, drawn_back: bool = True) -> Iterator[Cell]:
         """The cell where the carrier now is, connected; afterwards the arm is drawn back."""
         job = here.job.with_carrier_at(self._carrier.state())
         with add_file_to_errors(here.job_file):
             cell = replace(here, job=job, left=self._left).make_cell()
         with cell, self._context.stop.halt_arm_on_stop_now(cell.arm.stop):
             yield cell
+            if not drawn_back:
+                return
             home = np.array(self._settings.home)
             self._left = cell.arm.move_joint_to_pose(self._arm.forward(home), near=home)
-
-    def _draw_back(self, here: ScanContext, seen: Sections) -> None:
-        with self._cell(here) as cell:
-            ScannedSurfaceObstacle(cell.clearance, seen)
 
     def _move_to(self, here: ScanContext, goal: Array) -> None:
         """Move the carrier on a way on which the arm, as it stands, keeps clear."""
