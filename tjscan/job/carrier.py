@@ -100,8 +100,8 @@ class CarrierSweep:
         for axis, way in zip(self._kinematics.axes, np.abs(goal - start).tolist(), strict=True):
             away = 1.0
             if axis.point is not None:
-                away = FARTHEST_BODY + max(np.linalg.norm(p - axis.point) for p in places)
-            most += way * float(away)
+                away = FARTHEST_BODY + max(float(np.linalg.norm(p - axis.point)) for p in places)
+            most += way * away
         return most
 
     def clear_way(self, start: Array, goal: Array) -> tuple[Array, ...]:

@@ -125,9 +125,10 @@ class StationPoses:
     registrations : sequence of StationRegistration
         Of all e overlaps, in the stations' own frames j.
     shared : StationErrors, optional
-        Errors that the observations have in common.
+        Errors that the observations have in common, to weigh them by; without a carrier.
     carried : CarriedFrames, optional
-        Where a carrier says that they are.
+        Where a carrier says that they are. Then each observation is weighed by what is its own: an
+        assumed error that all share would be looked for in what carrier and overlaps differ by.
 
     Attributes
     ----------
@@ -160,9 +161,7 @@ class StationPoses:
         if carried is not None:
             covariances += list(carried.covariances)
         noise = np.asarray(block_diag(*covariances), dtype=float)
-        common = np.zeros((seen, 0)) if shared is None else shared.residuals(registrations)
-        # Where a carrier brings a base errs by nothing that views share.
-        common = np.pad(common, ((0, len(noise) - seen), (0, 0)))
+        common = np.zeros((len(noise), 0)) if shared is None else shared.residuals(registrations)
         whole = np.linalg.cholesky(noise + common @ common.T)
         whitener = np.asarray(np.linalg.inv(whole), dtype=float)
         origin = np.mean([frame.shape.as_array for frame in frames], axis=0)

@@ -150,7 +150,7 @@ class StitchedGroove:
             if (carried := _carried_frames(fits)) is not None:
                 _check_carrier(draft, placement, carried, shared.all_errors, settings)
                 frames = [widen_frame_for_out_of_round(f.frame, self.out_of_round) for f in fits]
-                placement = StationPoses(frames, self.registrations, shared.all_errors, carried)
+                placement = StationPoses(frames, self.registrations, carried=carried)
         except StitchingRefused as error:
             raise StitchingRefused(error.reason, error.evidence, draft) from None
         budget, covariances, shape_covariance = stitching_budget(
