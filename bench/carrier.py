@@ -164,11 +164,11 @@ def least_moves(job: ScanJob, joint_file: Path) -> float:
     grids = [
         np.linspace(*axis.bounds, 25 if axis.kind == "rotary" else 10) for axis in carrier.axis
     ]
-    farthest = np.zeros(AZIMUTHS, dtype=np.intp)  # number of azimuths reached from each on
+    farthest = [0] * AZIMUTHS  # number of azimuths reached from each on
     here = job.job_at_station(job.station_names[0])
     for values in product(*grids):
         runs = runs_from(arm, here, np.array(values), np.array(T_w_f))
-        farthest = np.maximum(farthest, runs)
+        farthest = list(map(max, farthest, runs))
     best = math.inf
     for start in range(AZIMUTHS):
         at, stops = start + int(farthest[start]), 1
@@ -185,12 +185,12 @@ def least_moves(job: ScanJob, joint_file: Path) -> float:
     return best
 
 
-def runs_from(arm: Kinematics, here: ScanJob, values: Array, T_w_f: Array) -> Array:
+def runs_from(arm: Kinematics, here: ScanJob, values: Array, T_w_f: Array) -> list[int]:
     """How many azimuths are reached in one sweep from each azimuth on, the carrier somewhere."""
     there = here.with_carrier_at(values)
     clear = clear_path_planner_of_job(there).clearance_check()
     q = arm.inverse_branches(inverse_pose(there.T_w_b) @ T_w_f)
-    best = np.zeros(AZIMUTHS, dtype=np.intp)
+    best = [0] * AZIMUTHS
     for branch in np.moveaxis(q, 1, 0):
         good = np.isfinite(branch).all(axis=1)
         turn = (np.roll(branch, -1, axis=0) - branch + np.pi) % (2 * np.pi) - np.pi
@@ -208,7 +208,7 @@ def runs_from(arm: Kinematics, here: ScanJob, values: Array, T_w_f: Array) -> Ar
             count = int(good[i])
             while count and count < AZIMUTHS and joined[(i + count - 1) % AZIMUTHS]:
                 count += 1
-            best[i] = max(int(best[i]), count)
+            best[i] = max(best[i], count)
     return best
 
 

@@ -328,7 +328,7 @@ class _Search:
     def arcs(self) -> list[ReachedArc]:
         """Arcs of which stations are chosen."""
         reach = search.reach_of_arm(self.kinematics)
-        grid = [search.SIDES_TRIED, search.DISTANCES_TRIED, search.HEIGHTS_TRIED]
+        grid: list[Array] = [search.SIDES_TRIED, search.DISTANCES_TRIED, search.HEIGHTS_TRIED]
         if self.carrier is not None:
             grid = [_values_tried(axis, reach) for axis in self.carrier.axis]
 
