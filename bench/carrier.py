@@ -204,11 +204,11 @@ def runs_from(arm: Kinematics, here: ScanJob, values: Array, T_w_f: Array) -> li
                 arm.smallest_singular_value(wrapped) >= here.clearance.singular
             )
         joined &= good & np.roll(good, -1)
-        for i in range(AZIMUTHS):
-            count = int(good[i])
-            while count and count < AZIMUTHS and joined[(i + count - 1) % AZIMUTHS]:
+        for start in range(AZIMUTHS):
+            count = int(good[start])
+            while count and count < AZIMUTHS and joined[(start + count - 1) % AZIMUTHS]:
                 count += 1
-            best[i] = max(best[i], count)
+            best[start] = max(best[start], count)
     return best
 
 

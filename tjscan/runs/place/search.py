@@ -25,9 +25,9 @@ AZIMUTHS_TRIED: Final = 120
 SIDE_STEP, DISTANCE_STEP, HEIGHT_STEP = np.pi / 6, 0.1, 0.15
 """Of the bases that are tried first: the side of the joint, and shares of the arm's reach."""
 
-SIDES_TRIED: Final = np.arange(12) * SIDE_STEP
-DISTANCES_TRIED: Final = 0.35 + np.arange(7) * DISTANCE_STEP
-HEIGHTS_TRIED: Final = -0.5 + np.arange(10) * HEIGHT_STEP
+SIDES_TRIED: Final = SIDE_STEP * np.arange(12, dtype=np.float64)
+DISTANCES_TRIED: Final = 0.35 + DISTANCE_STEP * np.arange(7, dtype=np.float64)
+HEIGHTS_TRIED: Final = -0.5 + HEIGHT_STEP * np.arange(10, dtype=np.float64)
 
 AXIS_STEP, AXIS_TURN = 0.25, np.pi / 12
 """Of a carrier's axes: a share of the arm's reach, and an angle."""
