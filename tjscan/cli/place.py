@@ -18,6 +18,7 @@ def place(
     template: Path | None = None,
     tilt_deg: float = 0.0,
     direction: Literal["counterclockwise", "clockwise"] = "counterclockwise",
+    carrier: Path | None = None,
     out: Path | None = None,
 ) -> None:
     """Find where an arm stands to scan a joint's whole groove, and write the job that does so.
@@ -40,14 +41,19 @@ def place(
         Of the base, towards the joint: 0 stands on a pedestal, 180 hangs.
     direction
         Which way round the groove, seen from above the brace.
+    carrier
+        A file with the table [carrier] of a track, gantry or turn-table: the arm, or the joint, is
+        only where that brings it, with the fewest moves, and one scan goes all round.
     out
         The job file to write; ``JOINT-ARM.toml`` if left out. What is there is never overwritten.
     """
     import numpy as np
     import tomli_w
 
+    from tjscan.core.config import read_toml, validate_table
     from tjscan.core.files import write_files_atomically
     from tjscan.job.examples import files_of_example
+    from tjscan.job.files import CarrierFile
     from tjscan.result.picture import write_png
     from tjscan.runs.place.job import place_joint
     from tjscan.runs.place.picture import draw_placed_joint
@@ -65,13 +71,18 @@ def place(
     if Path(arm).suffix == ".urdf":  # the template names another folder's
         arm = str(Path(arm).absolute())
     keys = parse_overrides(overrides) | {"arm.model": arm}
+    carried = None
+    if carrier is not None:
+        carried = validate_table(CarrierFile, read_toml(carrier), carrier).carrier
     with TemporaryDirectory() as name:
         if template is None:
             for given, text in files_of_example("ur10e").items():
                 (Path(name) / given).write_text(text, encoding="utf-8")
             template = Path(name) / "ur10e.toml"
         way, tilt = ScanDirection(direction), float(np.radians(tilt_deg))
-        placed = place_joint(joint, template, file.parent, keys, tilt=tilt, direction=way)
+        placed = place_joint(
+            joint, template, file.parent, keys, tilt=tilt, direction=way, carrier=carried
+        )
     with write_files_atomically(file.parent) as draft:
         (draft / file.name).write_text(tomli_w.dumps(placed.table), encoding="utf-8")
         write_png(draft / picture.name, draw_placed_joint(placed))

@@ -247,6 +247,7 @@ FAULT_OF_DEVICE: Final[dict[str, type[errors.TjscanError]]] = {
     "arm": errors.ArmFault,
     "laser": errors.LaserFault,
     "power_source": errors.PowerFault,
+    "carrier": errors.CarrierFault,
 }
 """Of what a device of another package fails with; of all others it is a fault of the vehicle."""
 

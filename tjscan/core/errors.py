@@ -49,6 +49,10 @@ class ArmFault(TjscanError):
     """The arm can't do, or did not do, what it was asked."""
 
 
+class CarrierFault(ArmFault):
+    """What carries the arm or the joint can't do, or did not do, what it was asked."""
+
+
 class FlangePoseRefused(ArmFault):
     """Base of the errors about a flange pose that was asked for.
 

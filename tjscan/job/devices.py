@@ -11,26 +11,28 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, replace
 from math import radians
 from time import monotonic
-from typing import Annotated, Any, ClassVar, Final, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
-from annotated_types import Ge, Le, MinLen, MultipleOf
+from annotated_types import Ge, Le, MaxLen, MinLen, MultipleOf
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
+from tjscan.carrier.drivers import CARRIER_DRIVERS
+from tjscan.carrier.kinematics import AxisSettings, CarrierKinematics
 from tjscan.core import units
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.devices import DriverKind, DriverRegistry, is_loopback_host
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, pose_from_euler_zyx
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
 from tjscan.power.drivers import POWER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
-from tjscan.robot.settings import InputShaper
+from tjscan.robot.settings import InputShaper, JointAngles
 
 ASSUMED_LASER_LINEARITY: Final = 0.1e-3
 """Metres: assumption, 0.1 % of a 100 mm range; data sheets of the class state 0.1 to 0.2 %."""
@@ -345,6 +347,76 @@ class PowerSettings(DeviceSettings):
         if self.driver != "modbus":
             return self.driver_kind is DriverKind.SIMULATED
         return is_loopback_host(self.driver_settings.host)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarrierSettings(DeviceSettings):
+    """The table [carrier]: what carries the arm, or the joint, from station to station.
+
+    Parameters
+    ----------
+    carries : str
+        ``arm``, or ``joint`` where it lies on a turn-table: frame w is fixed to the plate then.
+    position, euler_zyx : tuple of float
+        Pose of the arm's base in frame w while all axes are at 0, metres and radians.
+    axis : tuple of AxisSettings
+        Its axes, from the ground on.
+    sigma, angular_sigma : float
+        Standard deviations of where it stops, all directions together, metres and radians; 0 of
+        one that is as exact as its encoders.
+    home : tuple of float, optional
+        Joint angles in which the arm is carried, radians; required from two stations on.
+    """
+
+    registry: ClassVar[DriverRegistry[Any]] = CARRIER_DRIVERS
+
+    driver: str = "none"
+    carries: Literal["arm", "joint"] = "arm"
+    position: units.Position
+    euler_zyx: units.EulerAngles
+    axis: Annotated[tuple[AxisSettings, ...], MinLen(1), MaxLen(8), units.LIST_OR_WORD_IN_FILE]
+    sigma: Annotated[float, Ge(0), Le(50), units.MM]
+    angular_sigma: Annotated[float, Ge(0), Le(5), units.DEG.with_key("sigma_deg")]
+    home: JointAngles | None = None
+
+    def __post_init__(self) -> None:
+        names = [axis.name.casefold() for axis in self.axis]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"axis: two axes are called {name!r}")
+
+    @property
+    def kinematics(self) -> CarrierKinematics:
+        """Where the base is by the values of the axes."""
+        zero = pose_from_euler_zyx(self.position, self.euler_zyx)
+        return CarrierKinematics(self.axis, zero, self.carries == "joint")
+
+    def values_si(self, values: tuple[float, ...]) -> Array:
+        """Values of the axes as a file has them, millimetres and degrees, in metres and radians.
+
+        Raises
+        ------
+        ConfigurationError
+            If they are of another number, or beyond the axes' limits.
+        """
+        pairs = zip(self.axis, values, strict=False)
+        found = [axis.unit.to_si(value) for axis, value in pairs]
+        self.kinematics.check_values(found if len(values) == len(self.axis) else values)
+        return np.array(found)
+
+    def values_in_file(self, values: Array) -> tuple[float, ...]:
+        """Values of the axes as a file has them, to a micrometre and a microdegree."""
+        pairs = zip(self.axis, values.tolist(), strict=True)
+        return tuple(
+            round(v / a.unit.factor, 3 if a.unit is units.MM else 6) + 0.0 for a, v in pairs
+        )
+
+    def true_T_w_b(self, values: Array, seed: int) -> Array:
+        """Where the base truly is in a simulated world, shape (4, 4), metres."""
+        if self.driver != "simulated":
+            return self.kinematics.T_w_b(values)
+        found: Array = self.driver_settings.true_T_w_b(self.kinematics, values, seed)
+        return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

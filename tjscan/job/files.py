@@ -21,7 +21,7 @@ from tjscan.core.frames import Array
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
 from tjscan.groove.settings import GROOVE_MODELS, GrooveSettings
 from tjscan.job import surroundings
-from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
+from tjscan.job.devices import ArmSettings, CalibrationSettings, CarrierSettings, LaserSettings
 from tjscan.job.reading import casefolded_name, read_job, replace_keys
 from tjscan.laser.files.read import PROFILE_SUFFIXES
 from tjscan.laser.model import LaserModel
@@ -42,6 +42,7 @@ class CellJob(StrictFileModel):
     artefact: surroundings.ArtefactSettings | None = None
     accept: surroundings.AcceptanceSettings = surroundings.AcceptanceSettings()
     joint: surroundings.JointSettings | None = None
+    carrier: CarrierSettings | None = None
     station: Annotated[
         tuple[surroundings.StationSettings, ...], MaxLen(50), LIST_OR_WORD_IN_FILE
     ] = ()
@@ -78,6 +79,22 @@ class CellJob(StrictFileModel):
                     f"simulation.station.{i}.name",
                     f"there is no station {name!r}; did you mean: {nearest}?",
                 )
+        yield from self._contradictions_of_carrier()
+
+    def _contradictions_of_carrier(self) -> Iterator[tuple[str, str]]:
+        carrier = self.carrier
+        if carrier is not None and not self.station:
+            yield "station", "a carrier goes from station to station: write [[station]] tables"
+        if carrier is not None and carrier.home is None and len(self.station) > 1:
+            yield "carrier.home_deg", "required: the joint angles in which the arm is carried"
+        for i, station in enumerate(self.station):
+            if carrier is None and station.carrier is not None:
+                yield f"station.{i}.carrier", "there is no [carrier] table that says what carries"
+            elif carrier is not None:
+                try:
+                    carrier.values_si(station.carrier or ())
+                except ConfigurationError as error:
+                    yield f"station.{i}.carrier", error.message
 
     @property
     def laser_model(self) -> LaserModel:
@@ -102,12 +119,38 @@ class CellJob(StrictFileModel):
         ConfigurationError
             If the job has several stations.
         """
-        return np.eye(4) if not self.station else self.job_at_station().station[0].T
+        if not self.station:
+            return np.eye(4)
+        if self.carrier is not None:
+            return self.carrier.kinematics.T_w_b(self.carrier_values)
+        return self.job_at_station().station[0].T
+
+    @property
+    def carrier_values(self) -> Array:
+        """Values of the carrier's axes at the job's one station, metres and radians.
+
+        Raises
+        ------
+        ConfigurationError
+            If the job has no carrier, or several stations.
+        """
+        if self.carrier is None:
+            raise ConfigurationError("there is no [carrier] table", key="carrier")
+        return self.carrier.values_si(self.job_at_station().station[0].carrier or ())
+
+    def with_carrier_at(self, values: Array) -> Self:
+        """The same job of one station with the carrier somewhere else, metres and radians."""
+        if self.carrier is None:
+            return self
+        station = replace(self.station[0], carrier=self.carrier.values_in_file(values))
+        return self.model_copy(update={"station": (station,)})
 
     @property
     def T_w_b_true(self) -> Array:
         """True pose of the base in a simulated world; otherwise as `T_w_b`."""
         simulation = self.job_at_station().simulation
+        if self.carrier is not None and simulation is not None:
+            return self.carrier.true_T_w_b(self.carrier_values, simulation.seed)
         stations = () if simulation is None else simulation.station
         return stations[0].T if stations else self.T_w_b
 
@@ -142,15 +185,18 @@ class CellJob(StrictFileModel):
     def jobs_at_stations(self) -> tuple[Self, ...]:
         """The job at each of its stations where the arm is, one job a station.
 
-        A simulated arm is at all of them, a real one at one.
+        A simulated arm is at all of them, and one on a carrier gets there, but for start poses that
+        another station gives; any other is at one.
 
         Raises
         ------
         ConfigurationError
             If the arm is a real one, and the job has several stations.
         """
-        if self.station and self.arm.driver_kind is DriverKind.SIMULATED:
-            return tuple(self.job_at_station(name) for name in self.station_names)
+        carried = self.carrier is not None
+        if self.station and (carried or self.arm.driver_kind is DriverKind.SIMULATED):
+            taught = [one.name for one in self.station if one.first or not carried]
+            return tuple(self.job_at_station(name) for name in taught)
         return (self.job_at_station(),)
 
     def _job_at_number(self, i: int) -> Self:
@@ -166,6 +212,12 @@ class CellJob(StrictFileModel):
                 update={"seed": simulation.seed + i, "station": truly, "arm": arm}
             )
         return self.model_copy(update={"station": (station,), "simulation": simulation})
+
+
+class CarrierFile(StrictFileModel):
+    """A file with the table of a carrier alone."""
+
+    carrier: CarrierSettings
 
 
 class LaserJob(StrictFileModel):
@@ -216,6 +268,9 @@ class ScanJob(CellJob):
                         f"write {meant}",
                     )
         for which in ("first", "second"):
+            for i, one in enumerate(self.station):
+                if getattr(one, which) is None and (self.carrier is None or i == 0):
+                    yield f"station.{i}.{which}", "this key is required"
             taught = getattr(self.scan, which) is not None
             if taught == bool(self.station):
                 yield (
@@ -236,7 +291,9 @@ class ScanJob(CellJob):
         """
         table = self.job_at_station().station[0] if self.station else self.scan
         if table.first is None or table.second is None:
-            raise ConfigurationError("a taught pose is required here", key="scan")
+            raise ConfigurationError(
+                "a taught pose is required here, or the scan of the station before", key="scan"
+            )
         return table.first, table.second
 
     def _job_at_number(self, i: int) -> Self:

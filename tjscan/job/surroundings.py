@@ -16,7 +16,7 @@ from pydantic import Field
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core import units
 from tjscan.core.config import StrictFileModel
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, pose_from_euler_zyx
 from tjscan.laser.model import LaserModel
 from tjscan.robot import settings as arm_settings
 from tjscan.robot.settings import SolidSettings
@@ -234,40 +234,65 @@ class JointSettings(units.PoseSettings):
         return self.T
 
 
+StationName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
+"""Name of a station, and of its folder."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StationPoseSettings(units.PoseSettings):
-    """Name of a station, and the pose of the arm's base there in frame w.
+class StationSettings(units.SettingsTable):
+    """The table [[station]]: about where the arm's base is in frame w, and its start poses.
 
     Parameters
     ----------
     name : str
         Name of the station, and of its folder.
-    """
-
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StationSettings(StationPoseSettings):
-    """The table [[station]]: about where the arm's base is in frame w, and its start poses.
-
-    Parameters
-    ----------
+    position, euler_zyx : tuple of float, optional
+        Pose of the arm's base in frame w, metres and radians; required without a carrier.
+    carrier : tuple of float, optional
+        Values of the carrier's axes in their order, millimetres and degrees; instead of the pose.
+    overlap : float
+        With a carrier, how much of what the station before scanned is scanned again if no start
+        poses are stated, metres.
+    posture : tuple of float, optional
+        With a carrier, joint angles near which the arm takes the first start pose, radians; those
+        nearest to where it is if left out.
     direction : ScanDirection, optional
         As in [scan], which holds if this is left out.
     length : float, optional
         As in [scan], metres.
     sections : int, optional
         As in [scan].
-    first, second : PoseSettings
-        The taught poses of the flange, in this station's frame b.
+    first, second : PoseSettings, optional
+        The taught poses of the flange, in this station's frame b; required without a carrier, and
+        at its first station.
     """
 
+    name: StationName
+    position: units.Position | None = None
+    euler_zyx: units.EulerAngles | None = None
+    carrier: Annotated[tuple[float, ...] | None, units.LIST_OR_WORD_IN_FILE] = None
+    overlap: Annotated[float, Ge(20), Le(2000), units.MM] = 0.12
+    posture: arm_settings.JointAngles | None = None
     direction: Annotated[ScanDirection, units.LIST_OR_WORD_IN_FILE] | None = None
     length: Annotated[float | None, Ge(5), units.MM] = None
     sections: Annotated[int | None, Ge(3)] = None
-    first: units.PoseSettings
-    second: units.PoseSettings
+    first: units.PoseSettings | None = None
+    second: units.PoseSettings | None = None
+
+    def __post_init__(self) -> None:
+        if self.carrier is None:
+            for key, given in (("position_mm", self.position), ("euler_zyx_deg", self.euler_zyx)):
+                if given is None:
+                    raise ValueError(f"{key}: this key is required")
+        elif self.position is not None or self.euler_zyx is not None:
+            raise ValueError("carrier: gives the pose: leave out position_mm and euler_zyx_deg")
+        units.refuse_radians("euler_zyx_deg", self.euler_zyx or (0.0, 0.0, 0.0), right=True)
+
+    @property
+    def T(self) -> Array:
+        """The pose as stated, shape (4, 4), metres."""
+        origin = (0.0, 0.0, 0.0)
+        return pose_from_euler_zyx(self.position or origin, self.euler_zyx or origin)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -292,15 +317,18 @@ class SimulatedBallSettings(units.SettingsTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedStationSettings(StationPoseSettings):
+class SimulatedStationSettings(units.PoseSettings):
     """The table [[simulation.station]]: the true pose of a station's base in frame w.
 
     Parameters
     ----------
+    name : str
+        Name of the station.
     home : tuple of float, optional
         Joint angles the arm starts with there, radians; those in [simulation.arm] if left out.
     """
 
+    name: StationName
     home: arm_settings.JointAngles | None = None
 
 

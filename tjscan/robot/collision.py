@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import Any, Final
 
 import coal
@@ -228,6 +229,22 @@ class CollisionModel:
             reach[joint - 1] = farthest
             farthest += float(np.linalg.norm(model.jointPlacements[joint].translation))
         return reach
+
+
+def distances_between_solids(
+    moving: Iterable[Solid], others: Iterable[Solid]
+) -> list[tuple[BodyPair, float]]:
+    """Distances of some solids from others, metres; below zero two overlap, about that deep."""
+    found = []
+    for one, other in product(moving, others):
+        shapes = [
+            (_collision_geometry(s.shape), coal.Transform3s(s.T[:3, :3], s.T[:3, 3]))
+            for s in (one, other)
+        ]
+        asked, result = coal.DistanceRequest(), coal.DistanceResult()
+        distance = coal.distance(*shapes[0], *shapes[1], asked, result)
+        found.append((BodyPair(one.name, other.name, own=False), float(distance)))
+    return found
 
 
 def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]) -> None:

@@ -1,7 +1,8 @@
 """All stations placed together, so that the way round the brace closes.
 
 Nodes are the joint and the stations. Edges are frame j as every station found it by itself, and
-the pose between two stations as their overlap gives it; each with its covariance. SciPy solves it
+the pose between two stations as their overlap gives it; each with its covariance. With a carrier,
+its frame is another node, and each station's place in it another edge. SciPy solves it
 and not Open3D's pose graph: that gives no covariance, and its nodes are poses alone, while here
 the tubes' radii, angle and offset belong to the joint, too.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -18,7 +20,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, inverse_pose, transform_points
+from tjscan.core.frames import Array, inverse_pose, skew_matrix, transform_points
 from tjscan.joint.tubes.fit import JointFrame, TubeDimensions
 from tjscan.stitching.registration import Registrations, StationRegistration
 
@@ -50,6 +52,69 @@ class StationErrorDraws:
         return np.concatenate([*(-self.frames), *between])
 
 
+EXACT_CARRIER_SIGMA: Final = 1e-6
+"""Metres and radians that are left of a carrier which is as exact as its encoders."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CarriedFrames:
+    """Where a carrier says that the frames j of k stations are, all in that of the first.
+
+    Parameters
+    ----------
+    T : ndarray, shape (k, 4, 4)
+        Maps each station's own frame j into the first one's.
+    covariances : ndarray, shape (k, 6, 6)
+        Of translation and rotation vector, about the origin of j.
+    """
+
+    T: Array
+    covariances: Array
+
+    @classmethod
+    def of_bases(
+        cls, T_w_b: Sequence[Array], T_b_j: Sequence[Array], sigmas: Sequence[tuple[float, float]]
+    ) -> CarriedFrames:
+        """Frames of stations whose bases a carrier brought to T_w_b, and that found j at T_b_j.
+
+        Parameters
+        ----------
+        T_w_b, T_b_j : sequence of ndarray, shape (4, 4)
+        sigmas : sequence of tuple of float
+            Of the base's position and orientation, all directions together.
+        """
+        T_w_j = np.array(T_w_b) @ np.array(T_b_j)
+        T, covariances = inverse_pose(T_w_j[0]) @ T_w_j, []
+        for base, own, sigma in zip(T_w_b, T_w_j, sigmas, strict=True):
+            # Turned about the base, the far groove moves.
+            lever = T_w_j[0][:3, :3].T @ (own[:3, 3] - base[:3, 3])
+            by_base = np.block([[np.eye(3), -skew_matrix(lever)], [np.zeros((3, 3)), np.eye(3)]])
+            variances = np.repeat(np.square(sigma) / 3 + EXACT_CARRIER_SIGMA**2, 3)
+            covariances.append(by_base @ np.diag(variances) @ by_base.T)
+        return cls(T, np.array(covariances))
+
+    def disagreements(self, placement: StationPoses, shared: StationErrorDraws | None) -> Array:
+        """Squared Mahalanobis distances, per degree of freedom, of stations placed without it.
+
+        Shape (k,): each station's place on the first one as overlaps and tubes give it, against
+        what the carrier says.
+        """
+        k = len(self.T)
+        noise = placement.noise_covariance[: 6 * k, : 6 * k]
+        if shared is not None:
+            found = (placement.by_residuals @ shared.residuals(placement.registrations))[: 6 * k]
+            noise = noise + found @ found.T
+        found_T = inverse_pose(placement.T[0]) @ placement.T
+        apart = [0.0]
+        for i in range(1, k):
+            between = np.zeros((6, 6 * k))
+            between[:, :6], between[:, 6 * i : 6 * i + 6] = -np.eye(6), np.eye(6)
+            off = pose_vector.pose_to_vector(found_T[i]) - pose_vector.pose_to_vector(self.T[i])
+            covariance = between @ noise @ between.T + self.covariances[0] + self.covariances[i]
+            apart.append(float(off @ np.linalg.solve(covariance, off)) / 6)
+        return np.array(apart)
+
+
 class StationPoses:
     """Poses of all stations in the joint's frame, solved by least squares from fits and overlaps.
 
@@ -60,7 +125,10 @@ class StationPoses:
     registrations : sequence of StationRegistration
         Of all e overlaps, in the stations' own frames j.
     shared : StationErrors, optional
-        Errors that the observations have in common.
+        Errors that the observations have in common, to weigh them by; without a carrier.
+    carried : CarriedFrames, optional
+        Where a carrier says that they are. Then each observation is weighed by what is its own: an
+        assumed error that all share would be looked for in what carrier and overlaps differ by.
 
     Attributes
     ----------
@@ -70,11 +138,13 @@ class StationPoses:
         Of the joint.
     by_residuals : ndarray, shape (6 k + 4, 10 k + 6 e)
         How poses (translation and rotation vector in the common j) and shape err with the errors
-        of what was observed, see `StationErrorDraws`.
+        of what was observed but for the carrier, see `StationErrorDraws`.
     noise_covariance : ndarray, shape (6 k + 4, 6 k + 4)
         Of poses and shape, without what stations share.
     reduced_chi2 : float
         Chi-squared per degree of freedom of all stations and overlaps.
+    registrations : sequence of StationRegistration
+        As given.
     """
 
     def __init__(
@@ -82,9 +152,14 @@ class StationPoses:
         frames: Sequence[JointFrame],
         registrations: Registrations,
         shared: StationErrorDraws | None = None,
+        carried: CarriedFrames | None = None,
     ) -> None:
-        k = len(frames)
+        k, self.registrations = len(frames), registrations
         covariances = [frame.covariance for frame in frames] + [e.covariance for e in registrations]
+        seen, stated = sum(map(len, covariances)), 6 * k + 4
+        said = () if carried is None else carried.T
+        if carried is not None:
+            covariances += list(carried.covariances)
         noise = np.asarray(block_diag(*covariances), dtype=float)
         common = np.zeros((len(noise), 0)) if shared is None else shared.residuals(registrations)
         whole = np.linalg.cholesky(noise + common @ common.T)
@@ -93,7 +168,7 @@ class StationPoses:
 
         def residuals(x: Array) -> Array:
             T = [pose_vector.pose_from_vector(v) for v in x[: 6 * k].reshape(k, 6)]
-            shape = x[6 * k :] + origin
+            shape = x[6 * k : stated] + origin
             off = list[Array]()
             for T_own, frame in zip(T, frames, strict=True):
                 # The station takes its own frame for j: it finds j at the identity.
@@ -102,16 +177,22 @@ class StationPoses:
             for edge in registrations:
                 between = inverse_pose(T[edge.overlap.first]) @ T[edge.overlap.second]
                 off.append(pose_vector.pose_to_vector(between) - pose_vector.pose_to_vector(edge.T))
+            for T_own, T_said in zip(T, said, strict=bool(len(said))):
+                by_carrier = inverse_pose(pose_vector.pose_from_vector(x[stated:])) @ T_own
+                off.append(
+                    pose_vector.pose_to_vector(by_carrier) - pose_vector.pose_to_vector(T_said)
+                )
             return np.asarray(whitener @ np.concatenate(off))
 
-        start, least = np.zeros(6 * k + 4), 1e-15
+        start, least = np.zeros(stated + 6 * bool(len(said))), 1e-15
         found = least_squares(residuals, start, jac="3-point", x_scale=1e-4, xtol=least, ftol=least)
         jacobian: Array = np.array(found.jac)
         information, moves = jacobian.T @ jacobian, found.x[: 6 * k].reshape(k, 6)
-        self.by_residuals: Array = -np.linalg.solve(information, jacobian.T @ whitener)
-        self.noise_covariance: Array = self.by_residuals @ noise @ self.by_residuals.T
+        by_all: Array = -np.linalg.solve(information, jacobian.T @ whitener)[:stated]
+        self.by_residuals: Array = by_all[:, :seen]
+        self.noise_covariance: Array = by_all @ noise @ by_all.T
         self.T = np.array([pose_vector.pose_from_vector(v) for v in moves])
-        self.shape = TubeDimensions(*(found.x[6 * k :] + origin).tolist())
+        self.shape = TubeDimensions(*(found.x[6 * k : stated] + origin).tolist())
         self.reduced_chi2 = 2 * float(found.cost) / (len(found.fun) - found.x.size)
 
     @property

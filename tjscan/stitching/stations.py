@@ -92,6 +92,9 @@ class Station:
     causes : tuple of ViewCause
         What errs alike in all of these views. Causes of one name are one and the same cause in
         all stations that have it.
+    carrier_sigma : tuple of float, optional
+        Where a carrier went from station to station, the standard deviations of where it stopped,
+        all directions together, metres and radians; `T_w_b` is what it says then.
     """
 
     name: str
@@ -99,6 +102,7 @@ class Station:
     sections: tuple[ScannedSection, ...]
     all_sections: tuple[ScannedSection, ...]
     causes: tuple[ViewCause, ...] = ()
+    carrier_sigma: tuple[float, float] | None = None
 
     def shares_views_with(self, other: Station) -> bool:
         """Whether any view of both is one and the same: noise never comes twice alike."""

@@ -13,11 +13,17 @@ from scipy.sparse.csgraph import connected_components
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, array_dataclass, inverse_pose
+from tjscan.core.frames import Array, array_dataclass, inverse_pose, rotation_angle_between
 from tjscan.joint.tubes.fit import TubeDimensions
 from tjscan.stitching.budget import SharedCauses, stitching_budget
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
-from tjscan.stitching.graph import StationErrorDraws, StationPoses, overlap_gap, spanning_tree_poses
+from tjscan.stitching.graph import (
+    CarriedFrames,
+    StationErrorDraws,
+    StationPoses,
+    overlap_gap,
+    spanning_tree_poses,
+)
 from tjscan.stitching.registration import (
     Registrations,
     StationRegistration,
@@ -141,6 +147,10 @@ class StitchedGroove:
                 fits, self.registrations, settings, shared.all_errors
             )
             _check_placement(draft, placement, settings)
+            if (carried := _carried_frames(fits)) is not None:
+                _check_carrier(draft, placement, carried, shared.all_errors, settings)
+                frames = [widen_frame_for_out_of_round(f.frame, self.out_of_round) for f in fits]
+                placement = StationPoses(frames, self.registrations, carried=carried)
         except StitchingRefused as error:
             raise StitchingRefused(error.reason, error.evidence, draft) from None
         budget, covariances, shape_covariance = stitching_budget(
@@ -244,6 +254,40 @@ def place_stations_with_out_of_round(
         if placement.reduced_chi2 < AGREED_CHI2 or 2 * allowance > settings.most_out_of_round:
             return placement, allowance
         allowance *= 2
+
+
+def _carried_frames(fits: TubeFits) -> CarriedFrames | None:
+    """Where a carrier says that the stations' frames j are, if one carried them all."""
+    sigmas = [s for fit in fits if (s := fit.station.carrier_sigma) is not None]
+    if len(sigmas) < len(fits):
+        return None
+    T_w_b, T_b_j = ([fit.station.T_w_b for fit in fits], [fit.frame.T for fit in fits])
+    return CarriedFrames.of_bases(T_w_b, T_b_j, sigmas)
+
+
+def _check_carrier(
+    draft: StitchingDraft,
+    placement: StationPoses,
+    carried: CarriedFrames,
+    shared: StationErrorDraws | None,
+    settings: StitchSettings,
+) -> None:
+    """Refuse what a carrier says if the overlaps contradict it: no weight would put that right."""
+    disagreements = carried.disagreements(placement, shared)
+    i = int(disagreements.argmax())
+    if disagreements[i] > settings.largest_reduced_chi2:
+        found = inverse_pose(placement.T[0]) @ placement.T[i]
+        apart = 1e3 * np.linalg.norm(found[:3, 3] - carried.T[i][:3, 3])
+        turned = np.degrees(rotation_angle_between(found, carried.T[i]))
+        raise StitchingRefused(
+            "carrier and overlaps disagree",
+            f"on {draft.names[0]}, overlaps put station {draft.names[i]} {apart:.2f} mm and "
+            f"{turned:.3f}° from where the carrier says, {np.sqrt(disagreements[i]):.1f} times "
+            "farther off than the stated errors explain, "
+            f"{np.sqrt(settings.largest_reduced_chi2):.1f} times are allowed. The base or the "
+            "joint slipped, an axis is not as [carrier] describes it, or sigma_mm and sigma_deg "
+            "are too small",
+        )
 
 
 def _check_distinct_stations(stations: Sequence[Station]) -> None:

@@ -218,7 +218,8 @@ def _scan_from_stations(request: ScanRequest, context: ScanContext) -> list[str]
     if request.page.live:
         raise ConfigurationError("--live shows one station at a time: choose it with --station")
     operator: stations.StationOperator = DefaultAnswerOperator()
-    if context.job.arm.driver != "simulated":
+    carrier = context.job.carrier
+    if context.job.arm.driver != "simulated" and (carrier is None or carrier.driver == "none"):
         operator = TerminalOperator("scan one station at a time, with --station")
     watch, directory = scan_progress_bar, request.directory
     if request.resume:

@@ -25,9 +25,12 @@ AZIMUTHS_TRIED: Final = 120
 SIDE_STEP, DISTANCE_STEP, HEIGHT_STEP = np.pi / 6, 0.1, 0.15
 """Of the bases that are tried first: the side of the joint, and shares of the arm's reach."""
 
-SIDES_TRIED: Final = np.arange(12) * SIDE_STEP
-DISTANCES_TRIED: Final = 0.35 + np.arange(7) * DISTANCE_STEP
-HEIGHTS_TRIED: Final = -0.5 + np.arange(10) * HEIGHT_STEP
+SIDES_TRIED: Final = SIDE_STEP * np.arange(12, dtype=np.float64)
+DISTANCES_TRIED: Final = 0.35 + DISTANCE_STEP * np.arange(7, dtype=np.float64)
+HEIGHTS_TRIED: Final = -0.5 + HEIGHT_STEP * np.arange(10, dtype=np.float64)
+
+AXIS_STEP, AXIS_TURN = 0.25, np.pi / 12
+"""Of a carrier's axes: a share of the arm's reach, and an angle."""
 
 COARSE_STRIDE: Final = 4
 """Of the azimuths at which it is looked first whether anything hinders the arm."""
@@ -40,8 +43,12 @@ tried, and of all then those that are looked at azimuth by azimuth."""
 FEWEST_DEGREES: Final = 40.0
 """Shorter arcs are no station."""
 
-Place = tuple[float, float, float]
-"""Of a base: side of the joint, radians, distance and height, shares of the reach."""
+Place = tuple[float, ...]
+"""Of a base: side of the joint, radians, distance and height, shares of the reach; or values of a
+carrier's axes, metres and radians."""
+
+BaseAt = Callable[[Place], Array | None]
+"""Gives the pose T_w_b of a base at a place, or None where none may stand."""
 
 Hindrance = Callable[[Array], Callable[[Array], bool]]
 """Gives for a base, T_w_b, what tells whether joint angles are hindered there."""
@@ -79,6 +86,31 @@ class ReachedArc:
         return _part(self, count, self.count - 2 * count)
 
 
+def reach_of_arm(kinematics: Kinematics) -> float:
+    """Metres of upper arm and forearm; what is beyond them can be turned to and fro."""
+    links = kinematics.link_poses(np.zeros(len(kinematics.lower)))[:, :3, 3]
+    return float(np.sort(np.linalg.norm(np.diff(links, axis=0), axis=1))[-2:].sum())
+
+
+def base_about(place: Place, origin_w: Array, reach: float, mount: Array) -> Array:
+    """Pose T_w_b, shape (4, 4), of a base at a side of a joint, turned towards it.
+
+    Parameters
+    ----------
+    place : tuple of float
+        Side, distance and height.
+    origin_w : ndarray, shape (3,)
+        Middle of the groove, metres.
+    reach : float
+        Of the arm, metres.
+    mount : ndarray, shape (4, 4)
+        How a base is mounted that is turned towards x.
+    """
+    side, far, high = place
+    beside = np.array((far * np.cos(side), far * np.sin(side), high))
+    return np.asarray(pose(rot_z(side + np.pi), origin_w + reach * beside) @ mount)
+
+
 class BaseSearch:
     """Search for bases from which an arm reaches long arcs of a groove.
 
@@ -88,12 +120,10 @@ class BaseSearch:
         Of an arm with a closed form of its inverse.
     T_w_f : ndarray, shape (n, 4, 4)
         Flange poses round the groove, the last one before the first.
-    origin_w : ndarray, shape (3,)
-        Middle of the groove, metres.
-    mount : ndarray, shape (4, 4)
-        How a base is mounted that is turned towards x.
-    may_stand : callable
-        Whether a base may stand at T_w_b.
+    grid : sequence of ndarray
+        Coordinates of the places that are tried first, each evenly spaced.
+    base_at : BaseAt
+        Where the base is then.
     hindrance : Hindrance
         What is in the arm's way.
     """
@@ -102,26 +132,23 @@ class BaseSearch:
         self,
         kinematics: Kinematics,
         T_w_f: Array,
-        origin_w: Array,
-        mount: Array,
-        may_stand: Callable[[Array], bool],
+        grid: Sequence[Array],
+        base_at: BaseAt,
         hindrance: Hindrance,
     ) -> None:
-        self._kinematics, self._T_w_f, self._origin_w = kinematics, T_w_f, origin_w
-        self._mount, self._may_stand, self._hindrance = mount, may_stand, hindrance
+        self._kinematics, self._T_w_f, self._grid = kinematics, T_w_f, grid
+        self._base_at, self._hindrance = base_at, hindrance
         self._least = round(FEWEST_DEGREES / 360 * len(T_w_f))
-        links = kinematics.link_poses(np.zeros(len(kinematics.lower)))[:, :3, 3]
-        # Upper arm and forearm; what is beyond them can be turned to and fro.
-        self._reach = float(np.sort(np.linalg.norm(np.diff(links, axis=0), axis=1))[-2:].sum())
         self.longest_unhindered = 0
         """Azimuths that a base reaches in one sweep if nothing were in its way."""
 
     def arcs(self) -> list[ReachedArc]:
         """Long arcs that are reached, clear of everything, from all sides."""
-        found = self._coarse(product(SIDES_TRIED, DISTANCES_TRIED, HEIGHTS_TRIED))
+        found = self._coarse(product(*(values.tolist() for values in self._grid)))
         seeds = {arc.place for arc, _ in self._best(found, SEEDS_OF_SECTOR)}
-        steps = np.array((SIDE_STEP, DISTANCE_STEP, HEIGHT_STEP)) / 2
-        around = [np.array(way) * steps for way in product((-1, 0, 1), repeat=3) if any(way)]
+        steps = np.array([values[1] - values[0] for values in self._grid]) / 2
+        ways = product((-1, 0, 1), repeat=len(steps))
+        around = [np.array(way) * steps for way in ways if any(way)]
         nearer = {tuple((np.array(seed) + way).tolist()) for seed in seeds for way in around}
         found += self._coarse(sorted(nearer))
         looked_at = [arc for arc, _ in self._best(found, LOOKED_AT_OF_SECTOR)]
@@ -131,10 +158,7 @@ class BaseSearch:
         """The best arc of each base, and how many azimuths of it are clear about."""
         found = []
         for place in places:
-            side, far, high = place
-            beside = np.array((far * np.cos(side), far * np.sin(side), high))
-            T_w_b = pose(rot_z(side + np.pi), self._origin_w + self._reach * beside) @ self._mount
-            if not self._may_stand(T_w_b):
+            if (T_w_b := self._base_at(place)) is None:
                 continue
             arcs = reached_arcs(self._kinematics, self._T_w_f, T_w_b, place)
             self.longest_unhindered = max([self.longest_unhindered, *(a.count for a in arcs)])

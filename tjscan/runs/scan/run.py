@@ -14,7 +14,7 @@ import numpy as np
 from tjscan.core import errors
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
-from tjscan.core.frames import JointOrBaseFrame, transform_points
+from tjscan.core.frames import JointOrBaseFrame, inverse_pose, transform_points
 from tjscan.groove.read import read_groove
 from tjscan.job.cell import (
     Cell,
@@ -71,9 +71,15 @@ class ScanContext(JobContext[ScanJob]):
     ----------
     stop : StopRequest
         Asks for an end before the job is done.
+    left : ArmState, optional
+        How a carrier's move left the arm: a simulated one is there again.
+    arrived : tuple of RunEvent
+        What the recording begins with: where the carrier is.
     """
 
     stop: StopRequest = field(default_factory=StopRequest)
+    left: ArmState | None = None
+    arrived: tuple[RunEvent, ...] = ()
 
     def at_station(self, name: str | None = None) -> ScanContext:
         """The same at one of the job's stations; raises as `ScanJob.job_at_station` does."""
@@ -120,7 +126,9 @@ class ScanContext(JobContext[ScanJob]):
         ConfigurationError
             If the job, or a file that it names, is wrong.
         """
-        state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
+        state = self.left
+        if state is None and left is not None:
+            state = ArmState(left.q, left.T_b_f, left.time)
         with add_file_to_errors(self.job_file):
             scene = partial(joint_scene, self.job, self.joint)
             cell = make_cell(self.job, self.sensor_mount, scene, state)
@@ -140,15 +148,22 @@ class ScanContext(JobContext[ScanJob]):
     def open_recording(self, directory: Path) -> Iterator[Journal]:
         """Record into a run directory while the block runs; gives the journal that writes it."""
         arm, T_b_j = Kinematics.load(self.job.arm.model), result_frame_of_job(self.job).T_b_j
-        root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
+        fixed = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
+        if T_b_j is not None:
+            fixed["j"] = T_b_j
+        if self.job.carrier is not None:
+            fixed["w"] = inverse_pose(self.job.T_w_b)
         with ScanRecordingWriter(
             next_recording_file(directory),
             take_job_snapshot(directory, self.job),
             joint_names=arm.joint_names,
-            fixed=root if T_b_j is None else {**root, "j": T_b_j},
+            fixed=fixed,
             attachments={URDF_FILE: arm.urdf.read_bytes()},
         ) as recording:
-            yield CombinedJournal(recording, self.journal)
+            journal = CombinedJournal(recording, self.journal)
+            for event in self.arrived:
+                journal.record(event)
+            yield journal
 
 
 def groove_reader_of_job(job: ScanJob) -> GrooveReader:
@@ -189,6 +204,7 @@ RESUMABLE_KEYS: Final = (
     "laser.uncertainty.",
     "clearance.",
     "simulation.",
+    "carrier.simulated.",
 )
 """Keys that may change while a scan goes on."""
 

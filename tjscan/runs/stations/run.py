@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
@@ -21,6 +22,7 @@ from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs import run
 from tjscan.runs.scan.run import ScanContext, check_keys_replaceable, resume_scan, run_scan
+from tjscan.runs.stations.carriage import carriage_of_job
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.recording import read_recorded_scan
@@ -133,15 +135,22 @@ def resume_stations(
     if only is not None:
         with add_file_to_errors(job_file):
             job.job_at_station(only)
-    with lock_and_clean_directory(directory):
+    with (
+        lock_and_clean_directory(directory),
+        carriage_of_job(context, directory, partial(_is_confirmed, operator)) as carriage,
+    ):
         for name in job.station_names if only is None else (only,):
             found = _read_station_scan(directory, name)
             if found.is_complete:
                 continue
-            if context.stop.ends_after_section or not _is_arm_at_station(job, found, operator):
+            if context.stop.ends_after_section or not (
+                carriage or _is_arm_at_station(job, found, operator)
+            ):
                 break
-            there = context.at_station(name)
             try:
+                there = carriage.bring_to(name) if carriage else context.at_station(name)
+                if context.stop.ends_after_section:
+                    break
                 with watch(name, there.job.scan) as journal:
                     run.accept_edited_copies(directory, journal)
                     _scan_from_station(replace(there, journal=journal), found, overrides)
@@ -213,6 +222,10 @@ def _is_arm_at_station(job: ScanJob, station: StationScan, operator: StationOper
         f"Station {before.name}{so_far} Move the arm to station {station.name}. Is it there, "
         "firmly, and is the way to its start poses free?"
     )
+    return _is_confirmed(operator, text)
+
+
+def _is_confirmed(operator: StationOperator, text: str) -> bool:
     return operator.confirm(Question(text, default=True))
 
 

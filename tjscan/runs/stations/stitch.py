@@ -305,7 +305,8 @@ def read_station_run(directory: Path) -> StationRun:
     station = station_from_recording(job.station[0].name, job.T_w_b, sections, done.views, read)
     with add_file_to_errors(job_file):
         causes = causes_of_job(job, context.sensor_mount, station.all_sections)
-    station = replace(station, causes=causes.shared)
+    sigma = None if job.carrier is None else (job.carrier.sigma, job.carrier.angular_sigma)
+    station = replace(station, causes=causes.shared, carrier_sigma=sigma)
     devices = job.arm.device_id, job.laser.device_id, str(context.sensor_mount.T_f_s.tolist())
     return StationRun(directory, station, summary, joint, causes.left_out, devices)
 

@@ -1,0 +1,230 @@
+"""A carrier goes from station to station by itself: laws of the run."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cells import Notes
+from command import tjscan
+from station_jobs import WHOLE, data_of, written
+
+from tjscan.calibration.wizard.operator import Question
+from tjscan.carrier.simulated import SimulatedCarrier
+from tjscan.core.errors import CarrierFault, ConfigurationError, ScanInterrupted
+from tjscan.core.frames import Array, inverse_pose
+from tjscan.job.carrier import CarrierSweep
+from tjscan.job.files import read_scan_job
+from tjscan.recording.journal import Journal
+from tjscan.result.summary import read_stitching_report
+from tjscan.robot.kinematics import Kinematics
+from tjscan.runs.scan.run import ScanContext
+from tjscan.runs.stations.run import StationScan, resume_stations, run_stations
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.recording import read_recorded_scan
+
+HOME = [36.0, 195.0, 25.0, -45.0, -99.0, 34.0]
+
+
+def turn_table(stop: float = -62.0, overlap: float = 120.0, **keys: Any) -> dict[str, Any]:
+    """The example of two stations, the joint on a turn-table before the left one's arm."""
+    data = data_of(WHOLE)
+    left, right = data["station"]
+    left = {key: left[key] for key in ("name", "first", "second")}
+    truly = data["simulation"].pop("station")[0]
+    where = {key: truly[key] for key in ("position_mm", "euler_zyx_deg")}
+    axis = {
+        "name": "turn",
+        "kind": "rotary",
+        "direction": [0.0, 0.0, 1.0],
+        "point_mm": [0.0, 0.0, 0.0],
+        "limits_deg": [-190.0, 190.0],
+    }
+    data["carrier"] = {
+        "driver": "simulated",
+        "carries": "joint",
+        **where,
+        "sigma_mm": 0.0,
+        "sigma_deg": 0.0,
+        "home_deg": HOME,
+        "axis": [axis],
+    } | keys
+    over = {"name": right["name"], "carrier": [stop], "overlap_mm": overlap}
+    data["station"] = [left | {"carrier": [0.0]}, over]
+    return data
+
+
+def job_of(folder: Path, data: dict[str, Any], **keys: Any) -> ScanContext:
+    """What a file with these tables asks for, with keys replaced."""
+    file = written(folder, data)
+    return ScanContext(read_scan_job(file, keys), file)
+
+
+class Refusing:
+    """No person is asked."""
+
+    def confirm(self, question: Question) -> bool:
+        raise AssertionError(question.text)
+
+
+@contextmanager
+def unwatched(name: str, plan: ScanPlan) -> Iterator[Journal]:
+    yield Notes()
+
+
+def again(directory: Path) -> ScanContext:
+    """The run of a directory, to go on with."""
+    file = directory / "job.toml"
+    return ScanContext(read_scan_job(file), file)
+
+
+QUICK = {"scan.length_mm": 400.0, "station.right.length_mm": 150.0}
+"""Enough for start poses of the next station."""
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[StationScan, ...]]:
+    """Both stations, a part of the groove from each."""
+    folder = tmp_path_factory.mktemp("carried")
+    context = job_of(folder, turn_table(), **QUICK)
+    return folder / "run", run_stations(context, folder / "run", Refusing(), unwatched)
+
+
+def test_the_carrier_moves_and_every_station_is_scanned(
+    quick: tuple[Path, tuple[StationScan, ...]],
+) -> None:
+    _, scans = quick
+    assert [scan.name for scan in scans] == ["left", "right"]
+    assert all(scan.is_complete for scan in scans)
+
+
+def test_the_recording_says_where_the_carrier_was(
+    quick: tuple[Path, tuple[StationScan, ...]],
+) -> None:
+    directory, _ = quick
+    for name, where in (("left", "turn 0 deg"), ("right", "turn -62 deg")):
+        events = read_recorded_scan(directory / name).events
+        assert [e.detail for e in events if e.name == "carrier"] == [f"at {where}"]
+
+
+def test_later_stations_start_where_the_one_before_saw_the_groove(
+    quick: tuple[Path, tuple[StationScan, ...]],
+) -> None:
+    directory, _ = quick
+    left, right = (read_scan_job(directory / name / "job.toml") for name in ("left", "right"))
+    T = inverse_pose(left.T_w_b) @ right.T_w_b
+    sections = read_recorded_scan(directory / "left").sections.values()
+    poses = [section.view.T_b_f for section in sections]
+    off = [np.abs(T @ right.start_poses[0].T - pose).max() for pose in poses]
+    i = int(np.argmin(off))
+    assert off[i] < 1e-5
+    np.testing.assert_allclose(T @ right.start_poses[1].T, poses[i + 1], atol=1e-5)
+    way = np.diff([pose[:3, 3] for pose in poses[i:]], axis=0)
+    assert 0.06 < np.linalg.norm(way, axis=1).sum() < 0.4  # the flange goes round farther out
+
+
+def test_a_run_cut_off_in_a_move_of_the_carrier_goes_on(
+    quick: tuple[Path, tuple[StationScan, ...]], tmp_path: Path
+) -> None:
+    run = Path(shutil.copytree(quick[0], tmp_path / "run"))
+    shutil.rmtree(run / "right")
+    before = (run / "left" / "scan.mcap").read_bytes()
+    scans = resume_stations(again(run), {}, Refusing(), unwatched)
+    assert all(scan.is_complete for scan in scans)
+    assert (run / "left" / "scan.mcap").read_bytes() == before
+
+
+def test_a_stop_now_brings_the_carrier_to_rest_and_the_run_goes_on_later(
+    quick: tuple[Path, tuple[StationScan, ...]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run = Path(shutil.copytree(quick[0], tmp_path / "run"))
+    shutil.rmtree(run / "right")
+    context, stopped, move = again(run), list[Array](), SimulatedCarrier.move_to
+
+    def stopped_on_the_way(self: SimulatedCarrier, values: Array) -> Array:
+        context.stop.request_stop_now()  # Ctrl-C, twice, while it moves
+        stopped.append(values)
+        return move(self, values)
+
+    monkeypatch.setattr(SimulatedCarrier, "move_to", stopped_on_the_way)
+    with pytest.raises(ScanInterrupted):
+        resume_stations(context, {}, Refusing(), unwatched)
+    assert len(stopped) == 1
+    assert not (run / "right").exists()
+    monkeypatch.undo()
+    assert all(s.is_complete for s in resume_stations(again(run), {}, Refusing(), unwatched))
+
+
+def test_an_axis_the_wrong_way_round_is_named_before_the_first_large_move(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    data = turn_table(simulated={"reversed": ["turn"]})
+    file = written(tmp_path, data)
+    assert tjscan("scan", file, "--out", out, "--scan.length-mm", "400") == 4
+    told = " ".join(capsys.readouterr().err.split())
+    assert "axis 'turn' of the carrier: its direction is reversed" in told
+    assert "[0.0, 0.0, -1.0]" in told or "[-0.0, -0.0, -1.0]" in told
+    assert not (out / "right").exists()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "key", "why"),
+    [
+        (lambda d: d["carrier"].pop("home_deg"), "carrier.home_deg", "required"),
+        (lambda d: d["station"][1].pop("carrier"), "station.1", "position_mm"),
+        (lambda d: d["station"][1].update(carrier=[200.0]), "station.1.carrier", "axis turn"),
+        (lambda d: d["station"][1].update(carrier=[0.0, 1.0]), "station.1.carrier", "2 values"),
+        (lambda d: d.pop("carrier"), "station.0.carrier", r"no \[carrier\] table"),
+        (lambda d: d["station"][0].pop("first"), "station.0.first", "required"),
+        (lambda d: d["carrier"]["axis"][0].pop("limits_deg"), "carrier.axis.0", "limits_deg"),
+        (lambda d: d["carrier"].update(driver="acme"), "carrier.driver", "no carrier 'acme'"),
+    ],
+)
+def test_what_is_wrong_with_a_carrier_is_named(
+    tmp_path: Path, spoil: Any, key: str, why: str
+) -> None:
+    data = turn_table()
+    spoil(data)
+    with pytest.raises(ConfigurationError, match=why) as caught:
+        read_scan_job(written(tmp_path, data))
+    assert str(caught.value.key).startswith(key)
+
+
+def test_a_way_on_which_the_arm_would_touch_is_not_gone(tmp_path: Path) -> None:
+    data, arm = turn_table(), Kinematics.load("ur10e")
+    start, goal = np.zeros(1), np.array([np.pi])
+    job = job_of(tmp_path, data).job.job_at_station("left")
+    CarrierSweep(job, arm, np.radians(HOME)).check_line(start, goal)
+    post = {"name": "post", "frame": "w", "kind": "box", "size_mm": [300.0, 300.0, 2000.0]}
+    data["clearance"]["solid"].append(post | {"position_mm": [700.0, 0.0, 1000.0]})
+    job = job_of(tmp_path, data).job.job_at_station("left")
+    with pytest.raises(CarrierFault, match=r"would come within .* of post"):
+        CarrierSweep(job, arm, np.radians(HOME)).clear_way(start, goal)
+
+
+def test_what_goes_with_the_base_is_kept_clear_too(tmp_path: Path) -> None:
+    data = turn_table()
+    data["clearance"]["solid"][-1] |= {"position_mm": [0.0, 300.0, 500.0], "length_mm": 900.0}
+    job = job_of(tmp_path, data).job.job_at_station("left")
+    with pytest.raises(CarrierFault, match="outrigger would come within"):
+        CarrierSweep(job, Kinematics.load("ur10e"), np.radians(HOME)).clear_way(
+            np.zeros(1), np.array([np.pi])
+        )
+
+
+def test_a_whole_joint_goes_round_in_one_command(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert tjscan("scan", written(tmp_path, turn_table(180.0, 180.0)), "--out", out) == 0
+    report = read_stitching_report(out)
+    assert report is not None
+    assert report.covered_deg > 359
+    exact = report.stations[1]
+    assert exact.nominal_off_mm < 0.01  # as the carrier says

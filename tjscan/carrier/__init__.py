@@ -1,0 +1,1 @@
+"""Tracks, gantries and turn-tables that carry an arm or a joint: kinematics and drivers."""
