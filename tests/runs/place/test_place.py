@@ -222,3 +222,20 @@ def test_start_poses_that_see_no_groove_are_no_sound_job(
     moved = "--joint.position-mm=[522, 903, -428]"
     assert tjscan("scan", job, "--dry-run", moved, pictures=True) == 4
     assert "at the first taught pose" in capsys.readouterr().err
+
+
+def test_on_a_carrier_bases_are_where_its_axes_bring_them(tmp_path: Path) -> None:
+    joint, job = CAD / "tjoint-406x324.toml", tmp_path / "job.toml"
+    carrier = EXAMPLE.with_name("carrier-turn-table.toml")
+    words = ("--carrier", carrier, "--out", job)
+    assert tjscan("place", joint, "ur10e", *words, pictures=True) == 0
+    read = read_scan_job(job)
+    assert read.carrier is not None
+    assert read.carrier.home is not None
+    assert [table.first is None for table in read.station] == [
+        False,
+        *[True] * (len(read.station) - 1),
+    ]
+    for table in read.station:
+        read.carrier.kinematics.check_values(read.carrier.values_si(table.carrier or ()))
+    assert len(read.station) == 2  # as few as there can be: no base reaches all round

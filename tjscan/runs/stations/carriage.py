@@ -42,6 +42,9 @@ TELLING_SHIFT: Final = 8e-3
 """Metres across the groove by which it would seem to shift if an axis went the other way: far more
 than a carrier is off at a stop, and well within a laser's window."""
 
+TELLING_SHARE: Final = 0.5
+"""Of the largest shift that any section would show."""
+
 LEAST_TELLING_SHIFT: Final = 2e-3
 """Metres: a smaller one shows nothing, and the axis is not looked at."""
 
@@ -180,14 +183,16 @@ class Carriage:
             ways = np.array(self._stops)[:, i] - start[i]
             way = float(ways[np.abs(ways).argmax()])
             unit = np.sign(way) * np.eye(len(start))[i]
-            step, section = self._telling_step(start, unit, seen)
+            step, telling = self._telling_step(start, unit, seen)
             other = start + min(step, abs(way)) * unit
-            mirrored = self._seeming_shift(start, other - start, section)
+            mirrored = self._seeming_shift(start, other - start, telling[-1])
             if (size := float(np.linalg.norm(mirrored))) < LEAST_TELLING_SHIFT:
                 continue
             self._move_to(here, other)
             try:
-                points = self._look_again(here, T_w_b(start), section)
+                section, points = self._look_again(here, T_w_b(start), telling)
+                mirrored = self._seeming_shift(start, other - start, section)
+                size = float(np.linalg.norm(mirrored))
                 shift = transform_points(T_w_b(other), points)
                 shift -= transform_points(T_w_b(start), section.points_b)
                 share = float(shift[[1, 3]].mean(axis=0) @ mirrored) / size**2
@@ -204,16 +209,28 @@ class Carriage:
                     "[carrier], or put its point right"
                 )
 
-    def _look_again(self, here: ScanContext, T_w_b: Array, section: ScannedSection) -> Array:
-        """The five points of a section that was scanned at T_w_b, seen from here, in b now."""
-        T_b_f = inverse_pose(self._T_w_b) @ T_w_b @ section.view.T_b_f
+    def _look_again(
+        self, here: ScanContext, T_w_b: Array, sections: Sections
+    ) -> tuple[ScannedSection, Array]:
+        """The last section, of some scanned at T_w_b, that is got to from here, and its points.
+
+        These are the five points as seen now, in b as it is now.
+        """
         with self._cell(here) as cell:
-            state = cell.arm.move_joint_to_pose(T_b_f, near=section.view.q)
+            for section in reversed(sections):
+                T_b_f = inverse_pose(self._T_w_b) @ T_w_b @ section.view.T_b_f
+                try:
+                    state = cell.arm.move_joint_to_pose(T_b_f, near=section.view.q)
+                    break
+                except errors.PoseUnreachable:
+                    if section is sections[0]:
+                        raise
             profiles = [cell.laser.capture() for _ in range(LOOKS_AT_GROOVE)]
         read, lost = groove_reader_of_job(here.job), errors.GrooveNotFound("not seen", "no look")
         for profile in profiles:
             try:
-                return transform_points(state.T_b_f @ cell.T_f_s, read(profile).points_s)
+                T_b_s = state.T_b_f @ cell.T_f_s
+                return section, transform_points(T_b_s, read(profile).points_s)
             except errors.GrooveNotFound as error:
                 lost = error
         raise lost
@@ -222,15 +239,14 @@ class Carriage:
     def _T_w_b(self) -> Array:
         return self._kinematics.T_w_b(self._carrier.state())
 
-    def _telling_step(
-        self, start: Array, unit: Array, seen: Sections
-    ) -> tuple[float, ScannedSection]:
-        """Step of an axis, and the section that would seem to shift most if it were reversed."""
+    def _telling_step(self, start: Array, unit: Array, seen: Sections) -> tuple[float, Sections]:
+        """Step of an axis, and sections that would seem to shift enough if it were reversed."""
         small = DIRECTION_STEP * unit
         sizes = [float(np.linalg.norm(self._seeming_shift(start, small, one))) for one in seen]
-        i = int(np.argmax(sizes))
-        step = DIRECTION_STEP * TELLING_SHIFT / max(sizes[i], 1e-9)
-        return min(step, LONGEST_TELLING_STEP), seen[i]
+        least = TELLING_SHARE * max(sizes)
+        telling = [one for one, size in zip(seen, sizes, strict=True) if size >= least]
+        step = DIRECTION_STEP * TELLING_SHIFT / max(*sizes, 1e-9)
+        return min(step, LONGEST_TELLING_STEP), telling
 
     def _seeming_shift(self, start: Array, way: Array, section: ScannedSection) -> Array:
         """Shift across the groove, in w, that a section shows if the carrier went the other way."""
