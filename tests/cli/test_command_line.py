@@ -114,7 +114,7 @@ def test_a_dry_run_moves_and_writes_nothing(tmp_path: Path) -> None:
         ([PAPER, "--laser.near-mm", "300"], 2, ["paper.toml: laser", "near_mm"]),
         ([PAPER, "--scan.first.position-mm", "[1e300, 0, 0]"], 2, ["scan.first.position_mm"]),
         ([PAPER, "--scan", "5"], 2, ["scan", "unknown option"]),
-        ([PAPER, "--arm.driver", "fanuc"], 2, ["arm.driver", "simulated"]),
+        ([PAPER, "--arm.driver", "staubli"], 2, ["arm.driver", "simulated"]),
         ([PAPER, "--joint.file", "nosuch.toml"], 2, ["nosuch.toml"]),
         ([PAPER, "--scan.first.position-mm", "[4000, 0, 0]"], 4, ["reach"]),
         ([PAPER, "--joint.position-mm", "[0, 3000, 0]"], 4, ["first taught pose", "no groove"]),
