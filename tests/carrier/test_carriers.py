@@ -55,11 +55,14 @@ def test_who_does_not_move_it_ends_the_run() -> None:
 
     def ask(text: str) -> bool:
         asked.append(text)
-        return len(asked) == 1
+        return len(asked) <= 2
 
     with ManualCarrier(KINEMATICS, np.zeros(1), ask) as carrier:
         assert carrier.move_to(np.array([1.2])) == 1.2
         with pytest.raises(CarrierFault, match="not moved to x 2000 mm by hand"):
             carrier.move_to(np.array([2.0]))
         assert carrier.state() == 1.2
-    assert "x 1200 mm" in asked[0]
+    assert "Is the carrier at x 0 mm" in asked[0]
+    assert "x 1200 mm" in asked[1]
+    with pytest.raises(CarrierFault, match="is not at x 0 mm"):
+        ManualCarrier(KINEMATICS, np.zeros(1), ask).__enter__()

@@ -220,6 +220,55 @@ def test_what_goes_with_the_base_is_kept_clear_too(tmp_path: Path) -> None:
         )
 
 
+def test_what_begins_near_a_plate_does_not_pass_through_it(tmp_path: Path) -> None:
+    data = turn_table()
+    axis = {"name": "x", "kind": "linear", "direction": [1.0, 0, 0], "limits_mm": [-5000, 5000]}
+    data["carrier"] |= {"carries": "arm", "position_mm": [0.0, 0, 5000], "axis": [axis]}
+    data["carrier"]["euler_zyx_deg"] = [0.0, 0.0, 0.0]
+    data["station"][1]["carrier"] = [0.0]
+    boxes = (
+        ("carriage", "b", [200.0, 200.0, 200.0], [0.0, 0.0, -1500.0]),
+        ("plate", "w", [20.0, 400.0, 400.0], [115.0, 0.0, 3500.0]),  # 5 mm before it
+    )
+    data["clearance"]["solid"] = [
+        {"name": name, "frame": frame, "kind": "box", "size_mm": size, "position_mm": place}
+        for name, frame, size, place in boxes
+    ]
+    job = job_of(tmp_path, data).job.job_at_station("left")
+    sweep = CarrierSweep(job, Kinematics.load("ur10e"), np.radians(HOME))
+    with pytest.raises(CarrierFault, match="plate"):
+        sweep.check_line(np.array([0.0]), np.array([2.0]))
+
+
+def test_one_ctrl_c_lets_the_carrier_begin_no_move(
+    quick: tuple[Path, tuple[StationScan, ...]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run = Path(shutil.copytree(quick[0], tmp_path / "run"))
+    shutil.rmtree(run / "right")
+    context, moved, move = again(run), list[Array](), SimulatedCarrier.move_to
+
+    def asked_to_end(self: SimulatedCarrier, values: Array) -> Array:
+        context.stop.request_stop_after_section()
+        moved.append(values)
+        return move(self, values)
+
+    monkeypatch.setattr(SimulatedCarrier, "move_to", asked_to_end)
+    with pytest.raises(ScanInterrupted):
+        resume_stations(context, {}, Refusing(), unwatched)
+    assert len(moved) == 1
+    monkeypatch.undo()
+    assert all(s.is_complete for s in resume_stations(again(run), {}, Refusing(), unwatched))
+
+
+def test_postures_are_checked_before_anything_moves(tmp_path: Path) -> None:
+    data = turn_table(home_deg=HOME[:3])
+    with pytest.raises(ConfigurationError, match="6 joint angles"):
+        run_stations(job_of(tmp_path, data), tmp_path / "run", Refusing(), unwatched)
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_whole_joint_goes_round_in_one_command(tmp_path: Path) -> None:
     out = tmp_path / "run"
     assert tjscan("scan", written(tmp_path, turn_table(180.0, 180.0)), "--out", out) == 0

@@ -77,6 +77,18 @@ def test_the_place_of_rest_is_found_after_a_period_and_a_half(
     assert fit.frequency == pytest.approx(frequency, rel=0.15)
 
 
+@pytest.mark.parametrize("frequency", [0.5, 1.0])
+def test_a_sway_slower_than_those_that_are_looked_for_is_not_taken_for_known(
+    frequency: float,
+) -> None:
+    times = np.arange(0.0, 2.0, 0.01)
+    phase = 2 * np.pi * frequency * times
+    motions = np.outer(np.cos(phase), (0.5e-3, 0.2e-3, 0.0))
+    motions += 3e-6 * np.random.default_rng(1).standard_normal(motions.shape)
+    fit = fit_sway(times[:90], motions[:90])
+    assert fit.sigma > np.abs(fit.rest[:2]).max() / 3
+
+
 def test_a_burst_shows_the_frequency_and_the_decay() -> None:
     times = np.arange(0.0, 1.5, 0.01)
     fit = fit_sway(times, sway(times, 4.0, 0.03, 1.0))

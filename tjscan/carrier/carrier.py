@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -51,6 +51,19 @@ class ManualCarrier(LocalDevice):
         self, kinematics: CarrierKinematics, values: Array, ask: Callable[[str], bool]
     ) -> None:
         self._kinematics, self._values, self._ask = kinematics, np.array(values), ask
+
+    def __enter__(self) -> Self:
+        """Ask whether it is where it was left.
+
+        Raises
+        ------
+        CarrierFault
+            If it is not.
+        """
+        where = self._kinematics.describe(self._values)
+        if not self._ask(f"Is the carrier at {where}, and at rest?"):
+            raise CarrierFault(f"the carrier is not at {where}: bring it there, then start again")
+        return super().__enter__()
 
     def state(self) -> Array:
         """See `Carrier.state`."""

@@ -65,6 +65,8 @@ def place(
         raise ConfigurationError("a job's name ends with .toml", file=file)
     if not -180 <= tilt_deg <= 180:
         raise ConfigurationError("--tilt-deg is between -180 and 180")
+    if carrier is not None and tilt_deg:
+        raise ConfigurationError("the [carrier] table tilts the base: leave --tilt-deg out")
     for there in (file, picture):
         if there.exists():
             raise ConfigurationError("is there already; choose another with --out", file=there)

@@ -90,7 +90,7 @@ class CarrierSweep:
                 )
             if s == 1.0 or most == 0.0:
                 return
-            spare = (distances - least)[least == margin].min(initial=LONGEST_SWEEP_STEP)
+            spare = (distances - least).min(initial=LONGEST_SWEEP_STEP)
             s = min(1.0, s + max(float(spare), SWEEP_RESOLUTION) / most)
 
     def _most_motion(self, start: Array, goal: Array) -> float:

@@ -374,12 +374,14 @@ class CarrierSettings(DeviceSettings):
     carries: Literal["arm", "joint"] = "arm"
     position: units.Position
     euler_zyx: units.EulerAngles
-    axis: Annotated[tuple[AxisSettings, ...], MinLen(1), MaxLen(8), units.LIST_OR_WORD_IN_FILE]
+    axis: Annotated[tuple[AxisSettings, ...], MinLen(1), MaxLen(4), units.LIST_OR_WORD_IN_FILE]
     sigma: Annotated[float, Ge(0), Le(50), units.MM]
     angular_sigma: Annotated[float, Ge(0), Le(5), units.DEG.with_key("sigma_deg")]
     home: JointAngles | None = None
 
     def __post_init__(self) -> None:
+        units.refuse_radians("home_deg", self.home or (), right=False)
+        units.refuse_radians("euler_zyx_deg", self.euler_zyx, right=True)
         names = [axis.name.casefold() for axis in self.axis]
         for name in names:
             if names.count(name) > 1:

@@ -142,7 +142,9 @@ class CellJob(StrictFileModel):
         """The same job of one station with the carrier somewhere else, metres and radians."""
         if self.carrier is None:
             return self
-        station = replace(self.station[0], carrier=self.carrier.values_in_file(values))
+        low, high = np.transpose([axis.bounds for axis in self.carrier.axis])
+        reached = self.carrier.values_in_file(np.clip(values, low, high))
+        station = replace(self.station[0], carrier=reached)
         return self.model_copy(update={"station": (station,)})
 
     @property
@@ -255,6 +257,8 @@ class ScanJob(CellJob):
                 'a continuous scan (mode = "continuous") never rests, so nothing settles: leave '
                 'the table out, or scan with mode = "stepwise"',
             )
+        if self.scan.mode == "continuous" and self.arm.shaper is not None:
+            yield "arm.shaper", 'a continuous scan (mode = "continuous") shapes no moves'
         tables = {"scan": self.scan} | {f"station.{i}": one for i, one in enumerate(self.station)}
         for name, table in tables.items():
             for which in ("first", "second"):

@@ -287,6 +287,7 @@ class StationSettings(units.SettingsTable):
         elif self.position is not None or self.euler_zyx is not None:
             raise ValueError("carrier: gives the pose: leave out position_mm and euler_zyx_deg")
         units.refuse_radians("euler_zyx_deg", self.euler_zyx or (0.0, 0.0, 0.0), right=True)
+        units.refuse_radians("posture_deg", self.posture or (), right=False)
 
     @property
     def T(self) -> Array:

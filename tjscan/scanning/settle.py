@@ -195,7 +195,8 @@ class SettlingLaser:
             if not motions:
                 still = StillGroove(profiles)
                 if still.columns < FEWEST_COLUMNS:
-                    return SettledProfile(replace(profile, time=0.0), np.eye(4))
+                    why = f"not measured: {still.columns} columns show a motion"
+                    return SettledProfile(replace(profile, time=0.0), np.eye(4), None, why)
             motions += [still.motion(one) for one in profiles[len(motions) :]]
             moved, times = np.array(motions), np.array([one.time for one in profiles])
             fit = fits[count] = fit_sway(times, moved)
@@ -206,7 +207,7 @@ class SettlingLaser:
         # Along the groove it may sway as much as each way across.
         unseen = float(np.sqrt(np.mean(away[:, :2] ** 2)))
         detail = ""
-        if fit.amplitude > settings.tolerance:
+        if max(fit.amplitude, fit.sigma) > settings.tolerance:
             detail = (
                 f"{1e3 * fit.amplitude:.2f} mm at {fit.frequency:.1f} Hz, damping about "
                 f"{fit.damping:.0%}; the place of rest known to {1e3 * fit.sigma:.3f} mm after "
@@ -351,4 +352,6 @@ def fit_sway(times: Array, motions: Array) -> SwayFit:
     square_size = float(np.sum(a**2 + b**2))
     decay = -float(np.sum(a * da + b * db)) / max(half * square_size, 1e-30)
     amplitude, f = float(np.sqrt(square_size)), float(share @ SWAY_FREQUENCIES)
+    if best == 0:  # it may be any slower one, whose middle is anywhere
+        variance += square_size
     return SwayFit(rest, float(np.sqrt(variance)), amplitude, f, decay / (2 * np.pi * f))

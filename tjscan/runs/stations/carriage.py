@@ -32,7 +32,7 @@ from tjscan.scanning.journal import ScannedSurfaceObstacle
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection, Sections
 
-AT_STOP_TOLERANCE: Final = 1e-5
+AT_STOP_TOLERANCE: Final = 2e-4
 """Metres and radians by which a carrier that is at its stop may be beside it."""
 
 DIRECTION_STEP: Final = 1e-3
@@ -108,10 +108,12 @@ class Carriage:
         self._find_arm(before, self._directory / names[i])
         if moves := not self._is_at(self._stops[i]):
             here = self._context.at_station(before.name)
-            first_move = i == 1 and self._is_at(self._stops[0])
+            first_move = i == 1 and not _is_begun(self._directory / names[1])
             with self._cell(here) as cell:  # and the arm is drawn back
                 ScannedSurfaceObstacle(cell.clearance, seen if first_move else ())
             if first_move and seen and self._settings.driver != "none":
+                if not self._is_at(self._stops[0]):  # a look was interrupted
+                    self._move_to(here, self._stops[0])
                 self._check_directions(here, seen)
             self._move_to(here, self._stops[i])
         reached = self._carrier.state()
@@ -152,8 +154,11 @@ class Carriage:
         job = here.job.with_carrier_at(self._carrier.state())
         with add_file_to_errors(here.job_file):
             cell = replace(here, job=job, left=self._left).make_cell()
-        with cell, self._context.stop.halt_arm_on_stop_now(cell.arm.stop):
+        stop = self._context.stop
+        with cell, stop.halt_arm_on_stop_now(cell.arm.stop):
+            stop.raise_if_stop_now()
             yield cell
+            stop.raise_if_stop_now()
             if not drawn_back:
                 return
             home = np.array(self._settings.home)
@@ -166,8 +171,10 @@ class Carriage:
             raise errors.CarrierFault("the arm was not drawn back: where it is, is not known")
         sweep = CarrierSweep(here.job, self._arm, self._left.q)
         for values in sweep.clear_way(self._carrier.state(), goal):
-            stop.raise_if_stop_now()
+            if stop.ends_after_section:
+                raise errors.ScanInterrupted
             with stop.halt_arm_on_stop_now(self._carrier.stop):
+                stop.raise_if_stop_now()
                 self._carrier.move_to(values)
 
     def _check_directions(self, here: ScanContext, seen: Sections) -> None:

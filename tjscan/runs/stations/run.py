@@ -10,6 +10,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from tjscan.calibration.wizard.operator import Question
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
@@ -193,7 +195,10 @@ def stitch_station_runs(
 
 
 def _check_cells_at_stations(context: ScanContext) -> None:
-    """Check that a cell can be made at every station; connect none."""
+    """Check that a cell can be made, and a carrier's postures held, at every station.
+
+    None is connected.
+    """
     if context.job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
             "a recording is of one station: replay them one by one, with --station",
@@ -201,7 +206,21 @@ def _check_cells_at_stations(context: ScanContext) -> None:
             key="laser.driver",
         )
     for name in context.job.station_names:
-        context.at_station(name).make_cell()
+        there = context.at_station(name)
+        arm, carrier = there.make_cell().clearance.kinematics, there.job.carrier
+        postures = (
+            {"station.posture_deg": there.job.station[0].posture} if there.job.station else {}
+        )
+        postures |= {} if carrier is None else {"carrier.home_deg": carrier.home}
+        for key, q in postures.items():
+            if q is not None and (
+                len(q) != len(arm.lower) or arm.joint_limit_excess(np.array(q)).max() > 0
+            ):
+                raise ConfigurationError(
+                    f"names {len(arm.lower)} joint angles within the limits of the arm",
+                    file=context.job_file,
+                    key=key,
+                )
 
 
 def _read_station_scan(directory: Path, name: str) -> StationScan:
