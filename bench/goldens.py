@@ -47,11 +47,11 @@ PROVENANCE: Final = re.compile(
 )
 """What differs from run to run: program, date, the job's name, places of this run."""
 
-COMPUTING_COLUMNS: Final = ("wall_s", "plan_s", "plan_ms")
+COMPUTING_COLUMNS: Final = ("wall_s", "plan_s", "plan_ms", "code")
 COMPUTING_TIMES: Final = re.compile(
     r'"(plan_hz|plan_p99_ms|real_time_factor|duration_s|seconds_of_computing)": ?[^,\n]*,?\s*'
 )
-"""How fast this machine computed; no result."""
+"""How fast this machine computed, and by which source; no result."""
 
 NUMBER: Final = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+|\d+)(?:[eE][-+]?\d+)?")
 
