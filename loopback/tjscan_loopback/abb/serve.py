@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 
 from tjscan.core.errors import ConfigurationError
 from tjscan_loopback.abb.controller import MSGTYPE_DATA, EgmController
@@ -41,6 +42,8 @@ def run_loopback_controller(
     address = parse_loopback_port(computer, key="computer")
     if not (4 <= cycle_ms <= 96 and cycle_ms % 4 == 0):
         raise ConfigurationError(f"it is 4 or a multiple of it (found {cycle_ms})", key="cycle_ms")
+    if not 0 < timeout_s < inf:
+        raise ConfigurationError(f"it is more than 0 (found {timeout_s})", key="timeout_s")
     patience = max(round(1e3 * timeout_s / cycle_ms), 1)
     controller = load_controller(
         EgmController, model, home_deg, cycle_ms=cycle_ms, patience=patience

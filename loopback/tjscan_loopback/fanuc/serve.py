@@ -97,6 +97,8 @@ def run_loopback_controller(
     """
     if not 2 <= cycle_ms <= 32:
         raise ConfigurationError(f"it is 2 to 32 (found {cycle_ms})", key="cycle_ms")
+    if patience < 0:
+        raise ConfigurationError(f"it is 0 or more (found {patience})", key="patience")
     controller = load_controller(
         StreamController, model, home_deg, cycle_ms=cycle_ms, patience=patience
     )

@@ -40,6 +40,8 @@ def run_loopback_controller(
     address = parse_loopback_port(computer, key="computer")
     if cycle_ms not in (4, 12):
         raise ConfigurationError(f"it is 4 or 12 (found {cycle_ms})", key="cycle_ms")
+    if timeout < 0:
+        raise ConfigurationError(f"it is 0 or more (found {timeout})", key="timeout")
     controller = load_controller(
         LoopbackController, model, home_deg, cycle_ms=cycle_ms, patience=timeout
     )
