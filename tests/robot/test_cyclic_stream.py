@@ -163,6 +163,51 @@ def test_a_program_that_is_started_again_is_not_answered(maker: Maker) -> None:
     assert "with an older" in str(again.stream.ignored)
 
 
+def test_a_program_that_goes_on_counting_is_told_by_its_clock() -> None:
+    pair = Pair(ABB)
+    pair.cycle()
+    pair.controller.program += 1
+    assert pair.stream.answer(pair.controller.packet(), CONTROLLER) is None
+    assert isinstance(pair.stream.fault, errors.ArmConnectionLost)
+
+
+def test_an_abb_that_hears_nothing_is_not_answered_once_its_lag_has_passed() -> None:
+    pair = Pair(ABB)
+    pair.begin()
+    for _ in range(30):
+        pair.cycle()
+    for _ in range(40):
+        pair.cycle(answer_lost=True)
+    held = pair.controller.commanded
+    assert isinstance(pair.stream.fault, errors.ArmConnectionLost)
+    np.testing.assert_array_equal(pair.cycle(), held)
+
+
+def test_a_fanuc_rests_before_its_motion_is_ended() -> None:
+    pair = Pair(FANUC)
+    pair.begin()
+    for _ in range(40):
+        pair.cycle()
+    pair.stream.leave()
+    passed = []
+    while not pair.stream.ended:
+        passed.append(pair.cycle())
+    np.testing.assert_array_equal(passed[-2], passed[-25])
+
+
+@makers
+def test_why_a_packet_is_not_answered_yet_is_told(maker: Maker) -> None:
+    controller = Pair(maker).controller
+    controller.standing = True
+    fresh: CyclicStream[Any] = (
+        GuidanceStream(CONTROLLER[0], 4e-3)
+        if maker is ABB
+        else MotionStream(CONTROLLER[0], 8e-3, 0.16)
+    )
+    assert fresh.answer(controller.packet(), CONTROLLER) is None
+    assert "emergency stop" in str(fresh.ignored)
+
+
 @makers
 def test_numbers_begin_again_after_the_last(maker: Maker) -> None:
     again = Pair(maker)

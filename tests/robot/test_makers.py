@@ -18,7 +18,8 @@ from pydantic import TypeAdapter, ValidationError
 from ur_cell import address
 
 from tjscan.core import errors
-from tjscan.core.frames import Array, rotation_angle_between
+from tjscan.core.frames import Array, pose, rotation_angle_between
+from tjscan.robot.cyclic.arm import CyclicArm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
 
@@ -185,6 +186,32 @@ def test_another_arm_than_the_job_says_is_refused(cell: MakerCell) -> None:
         pass
 
 
+class OtherWayArm(CyclicArm):
+    """An arm whose first joint turns the other way in the model."""
+
+    def _model_angles(self, q: Array) -> Array:
+        return np.asarray(q * (-1, 1, 1, 1, 1, 1))
+
+    _controller_angles = _model_angles
+
+
+def test_a_joint_that_turns_the_other_way_from_0_is_found_after_the_first_move() -> None:
+    home = ABB.beside_home()
+    with MakerCell(ABB) as cell, OtherWayArm(ABB.kinematics, cell.settings()) as arm:
+        for T_b_f in (pose(p=(0.0, 0.05, 0.0)) @ home, home):
+            with pytest.raises(errors.ArmFault, match="a joint may turn the other way"):
+                arm.move_joint_to_pose(T_b_f)
+        assert abs(cell.true_q()[0]) > np.radians(1)
+
+
+def test_a_second_program_is_refused_and_disturbs_nothing(cell: MakerCell) -> None:
+    with cell.arm() as arm:
+        with pytest.raises(errors.ArmNotConnected, match="can't be listened on"), cell.arm():
+            pass
+        arm.move_joint_to_pose(cell.maker.beside_home(0.0, 0.05))
+        assert_is_at(cell, cell.maker.beside_home(0.0, 0.05))
+
+
 @pytest.mark.parametrize("maker", [ABB, FANUC], ids=lambda maker: maker.name)
 def test_no_controller_is_told(maker: Maker) -> None:
     silent = maker.settings(address(), bind=address(), connect_limit=1.0)
@@ -212,8 +239,9 @@ def test_j3_from_the_horizontal_is_found_by_the_pose() -> None:
         assert_is_at(cell, FANUC.beside_home(0.05, 0.05))
 
 
-def test_with_j2_at_0_its_count_of_j3_is_unknown_and_it_is_refused() -> None:
-    home = ("--home-deg", "0", "0", "0", "0", "-60", "0")
+@pytest.mark.parametrize("j2_deg", ["0", "0.8"])
+def test_with_j2_near_0_its_count_of_j3_is_unknown_and_it_is_refused(j2_deg: str) -> None:
+    home = ("--home-deg", "0", j2_deg, "0", "0", "-60", "0")
     with (
         MakerCell(FANUC, "--fast", *home) as cell,
         pytest.raises(errors.ConfigurationError, match="jog J2"),
@@ -266,6 +294,11 @@ def test_a_table_that_can_not_be_is_refused(
     "options",
     [
         ("abb-loopback", "--cycle-ms", "5"),
+        ("abb-loopback", "--timeout-s", "nan"),
+        ("abb-loopback", "--timeout-s", "0"),
+        ("abb-loopback", "--timeout-s=-1"),
+        ("fanuc-loopback", "--patience=-5"),
+        ("kuka-loopback", "--timeout=-3"),
         ("abb-loopback", "--computer", "192.168.0.10:6510"),
         ("fanuc-loopback", "--cycle-ms", "99"),
         ("fanuc-loopback", "--host", "0.0.0.0"),

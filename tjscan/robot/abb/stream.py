@@ -10,10 +10,13 @@ from tjscan.core import errors
 from tjscan.core.frames import Array
 from tjscan.robot.abb import packets
 from tjscan.robot.abb.packets import EgmPacket
-from tjscan.robot.cyclic.stream import CyclicStream
+from tjscan.robot.cyclic.stream import MOST_LOST, CyclicStream
 
 UNHEARD_LIMIT: Final = 0.15
 """Seconds for which an arm stands before EGM ends, if the controller heard nothing: no lag is."""
+
+LONGEST_LAG: Final = 0.1
+"""Seconds that an arm may lag behind what it is sent, an assumption."""
 
 
 class GuidanceStream(CyclicStream[EgmPacket]):
@@ -23,7 +26,7 @@ class GuidanceStream(CyclicStream[EgmPacket]):
     while motors, program and EGM run.
     """
 
-    session, stamp_name, unready = "EGM", "seqno", "before EGM ran"
+    session, stamp_name = "EGM", "seqno"
     standing_distance = np.radians(0.1)
 
     def _parse(self, data: bytes) -> EgmPacket:
@@ -32,8 +35,10 @@ class GuidanceStream(CyclicStream[EgmPacket]):
     def _format(self, command: Array, packet: EgmPacket, *, stop: bool) -> bytes:
         return packets.format_answer(command, packet)
 
-    def _is_ready(self, packet: EgmPacket) -> bool:
-        return packet.egm == packets.MCI_RUNNING
+    def _unready_reason(self, packet: EgmPacket) -> str | None:
+        if packet.motors == packets.MOTORS_OFF:
+            return "with motors off (an emergency stop, or switched off)"
+        return None if packet.egm == packets.MCI_RUNNING else "before EGM ran"
 
     def _reported_fault(self, packet: EgmPacket) -> errors.ArmFault | None:
         advice = "Read its pendant's messages, clear the way, then start again."
@@ -54,6 +59,11 @@ class GuidanceStream(CyclicStream[EgmPacket]):
 
     def _standing_fault(self) -> errors.ArmFault:
         return self._lost_answers_fault()
+
+    @property
+    def _standing_limit(self) -> float:
+        """Seconds until the path has gone on too far from an arm that hears nothing."""
+        return LONGEST_LAG + MOST_LOST * self._cycle
 
     def _answers_are_lost(self) -> bool:
         return self._unheard * self._cycle > UNHEARD_LIMIT

@@ -156,6 +156,11 @@ class CyclicArm(PlannedArm):
                 reached.T_b_f,
             )
             raise self._fault
+        try:
+            self._check_flange()
+        except errors.ConfigurationError as error:  # a joint that was at 0 turns the other way
+            self._fault = errors.ArmFault(f"{error.message}; a joint may turn the other way")
+            raise self._fault from None
         return reached
 
     def _await_rest(self, arrived: Callable[[StreamState], bool] = lambda now: True) -> StreamState:
@@ -188,6 +193,10 @@ class CyclicArm(PlannedArm):
             self._latch.wait_for_stop(STATE_READING_PAUSE)
 
     def _check_arm_model(self) -> None:
+        """Refuse another arm than the model on connecting."""
+        self._check_flange()
+
+    def _check_flange(self) -> None:
         """Refuse an arm whose controller has its flange elsewhere than the model has it."""
         state = self._read_state()
         apart = self._flange_distance(self._model_angles(state.q), state)

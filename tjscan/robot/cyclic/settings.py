@@ -53,7 +53,7 @@ class CyclicSettings(ControllerSettings):
 
     @property
     def local_address(self) -> tuple[str, int]:
-        """Address and port on which this computer listens; port 0: any."""
+        """Address and port on which this computer listens."""
         return self.bind, self.port
 
     @property

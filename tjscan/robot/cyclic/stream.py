@@ -132,9 +132,6 @@ class CyclicStream(ABC, Generic[P]):
     stamps: ClassVar[int] = 2**32
     """Number of stamps, after which they begin again."""
 
-    unready: ClassVar[str] = ""
-    """Which packets are not answered before the first that is."""
-
     holds_when_unanswered: ClassVar[bool] = True
     """Whether a controller without an answer holds the arm; else it moves on as it did."""
 
@@ -163,9 +160,9 @@ class CyclicStream(ABC, Generic[P]):
     def _format(self, command: Array, packet: P, *, stop: bool) -> bytes:
         """Answer to a packet: joint angles, and whether the motion is to end."""
 
-    def _is_ready(self, packet: P) -> bool:
-        """Whether the controller takes the first answer."""
-        return True
+    def _unready_reason(self, packet: P) -> str | None:
+        """Why a packet is not answered before the first that is; None if it is that."""
+        return None
 
     def _first_fault(self, packet: P) -> errors.ArmFault | None:
         """What is wrong with the first packet that is answered."""
@@ -178,6 +175,11 @@ class CyclicStream(ABC, Generic[P]):
     @abstractmethod
     def _standing_fault(self) -> errors.ArmFault:
         """Why an arm that is sent on stands."""
+
+    @property
+    def _standing_limit(self) -> float:
+        """Seconds for which an arm that was sent on may stand: longer than it lags."""
+        return STANDING_LIMIT
 
     def _answers_are_lost(self) -> bool:
         """Whether several answers did not reach the controller in time lately."""
@@ -211,8 +213,8 @@ class CyclicStream(ABC, Generic[P]):
             return None
         lost = 0
         if self._packet is None:
-            if not self._is_ready(packet):
-                self.ignored[self.unready] += 1
+            if (reason := self._unready_reason(packet)) is not None:
+                self.ignored[reason] += 1
                 return None
             self._begin(packet, sender[1])
         else:
@@ -257,9 +259,11 @@ class CyclicStream(ABC, Generic[P]):
 
     @property
     def moving(self) -> bool:
-        """Whether a path is run through."""
+        """Whether a path is run through, or the mean of what was sent lately still changes."""
         held = self._braking and self._rate == 0
-        return not held and self._sent[-1] < len(self._rows) - 1
+        if not held and self._sent[-1] < len(self._rows) - 1:
+            return True
+        return any((row != self._command).any() for row in self._recent)
 
     def begin_move(self, q: Array, ramp: float) -> None:
         """Begin to run through a path.
@@ -369,7 +373,8 @@ class CyclicStream(ABC, Generic[P]):
                     f"{1e3 * self._cycle:g}. See that this is its cycle and the network loses "
                     f"nothing. {CABLE_ADVICE}"
                 ),
-                silent=lost > MOST_LOST,  # long enough for a program that was started again
+                # Long enough for a program that was started again, whatever its stamps are.
+                silent=lost > MOST_LOST or passed > (lost + 1 + MOST_LOST) * self._cycle,
             )
         self._paused = self._paused + max(late, lost) if max(late, lost) > 0 else 0
         if self.holds_when_unanswered:
@@ -387,7 +392,7 @@ class CyclicStream(ABC, Generic[P]):
         self._unheard = 0 if moved or apart < UNHEARD_DISTANCE else self._unheard + 1
         self._stood = 0 if moved or apart < self.standing_distance else self._stood + 1
         self._stood_at = packet.q if moved else self._stood_at
-        if self._stood * self._cycle > STANDING_LIMIT:
+        if self._stood * self._cycle > self._standing_limit:
             self.fail(self._standing_fault(), silent=True)
 
     def _advance(self) -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from tjscan.core import errors
 from tjscan.core.frames import Array
 from tjscan.robot.cyclic.arm import WRONG_ARM_MODEL_DISTANCE, CyclicArm
+
+UNCLEAR_J3_DISTANCE: Final = 4 * WRONG_ARM_MODEL_DISTANCE
+"""Metres between the flanges of both counts of J3, below which the pose does not show which."""
 
 
 class FanucArm(CyclicArm):
@@ -19,19 +24,18 @@ class FanucArm(CyclicArm):
     _j3_from_horizontal = False
 
     def _check_arm_model(self) -> None:
-        state, fitting = self._read_state(), []
-        for self._j3_from_horizontal in (True, False):
-            apart = self._flange_distance(self._model_angles(state.q), state)
-            if apart <= WRONG_ARM_MODEL_DISTANCE:
-                fitting.append(self._j3_from_horizontal)
-        if len(fitting) == 2:
+        state = self._read_state()
+        counts = (state.q, state.q + _j2_at_j3(state.q))
+        flanges_b = np.array([self.kinematics.forward(q)[:3, 3] for q in counts])
+        if np.linalg.norm(flanges_b[0] - flanges_b[1]) < UNCLEAR_J3_DISTANCE:
             raise errors.ConfigurationError(
                 "with J2 near 0 the arm does not show whether its controller counts J3 from the "
                 "horizontal or from the upper arm: jog J2 by 5 deg, then start again",
                 key="arm.model",
             )
-        self._j3_from_horizontal = True in fitting
-        super()._check_arm_model()
+        apart = np.linalg.norm(flanges_b - state.tool_b, axis=1)
+        self._j3_from_horizontal = bool(apart[1] < apart[0])
+        self._check_flange()
 
     def _model_angles(self, q: Array) -> Array:
         return q + self._j3_from_horizontal * _j2_at_j3(q)

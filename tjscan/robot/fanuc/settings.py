@@ -21,7 +21,7 @@ class FanucSettings(CyclicSettings):
     Parameters
     ----------
     port : int, optional
-        The controller's UDP port.
+        The controller's UDP port, and this computer's: so no second program sends to it.
     cycle : float, optional
         Seconds between two packets, as the controller has it.
     smoothing : float, optional
@@ -34,16 +34,6 @@ class FanucSettings(CyclicSettings):
     port: Annotated[int, Ge(1), Le(65535)] = 60015
     cycle: Annotated[float, Ge(2), Le(32), MILLISECONDS] = 8e-3
     smoothing: Annotated[float, Ge(0), Le(1000), MILLISECONDS] = 0.16
-
-    @property
-    def local_address(self) -> tuple[str, int]:
-        """Address and port from which this computer sends; port 0: any."""
-        return self.bind, 0
-
-    @property
-    def listening(self) -> str:
-        """Where this computer listens, as errors state it."""
-        return f"on its port {self.port} from {self.bind}"
 
     def make_stream(self, address: str) -> MotionStream:
         """Stream to the controller at an IP address."""

@@ -24,7 +24,7 @@ class MotionStream(CyclicStream[StatusPacket]):
         Seconds within which an acceleration builds up: the controller limits the jerk.
     """
 
-    session, stamp_name, unready = "stream motion", "number", "before its program took commands"
+    session, stamp_name = "stream motion", "number"
     holds_when_unanswered = False
 
     def __init__(self, host: str, cycle: float, smoothing: float) -> None:
@@ -49,7 +49,7 @@ class MotionStream(CyclicStream[StatusPacket]):
 
     def farewells(self) -> list[bytes]:
         """What ends the session after the last answer."""
-        return [packets.STOP_PACKET]
+        return [packets.STOP_PACKET] if self.connected else []
 
     def _take_capability(self, cycle_ms: int, of_tool: int) -> None:
         self._capable = True
@@ -69,10 +69,16 @@ class MotionStream(CyclicStream[StatusPacket]):
     def _format(self, command: Array, packet: StatusPacket, *, stop: bool) -> bytes:
         return packets.format_command(command, packet.stamp, last=stop)
 
-    def _is_ready(self, packet: StatusPacket) -> bool:
+    def _unready_reason(self, packet: StatusPacket) -> str | None:
         self._heard = True
-        stopped = packet.robot_status & (packets.IN_ERROR | packets.EMERGENCY_STOP)
-        return self._capable and not stopped and bool(packet.status & packets.TAKES_COMMANDS)
+        if packet.robot_status & packets.EMERGENCY_STOP:
+            return "with an emergency stop pressed"
+        if packet.robot_status & packets.IN_ERROR:
+            return "with its controller in error"
+        if not self._capable:
+            return "before its controller stated its capabilities"
+        takes = packet.status & packets.TAKES_COMMANDS
+        return None if takes else "before its program took commands"
 
     def _reported_fault(self, packet: StatusPacket) -> errors.ArmFault | None:
         came = bool(packet.status & packets.COMMAND_CAME)
