@@ -259,8 +259,9 @@ class SimulatedArm(PlannedArm, LocalDevice):
             self._turning = np.where(last == 0.0, self._turning, np.sign(last))
             self._now = (reached, start + passed)
             self._error = self._draw_error()
-            ticks = np.linspace(0.0, passed, ceil(passed / SWAY_TICK) + 1)
-            self._sway_through(path.joint_angles_at(ticks), passed)
+            if self.sway is not None:
+                ticks = np.linspace(0.0, passed, ceil(passed / SWAY_TICK) + 1)
+                self._sway_through(path.joint_angles_at(ticks), passed)
         if passed < path.duration:
             raise ArmFault(
                 f"the arm was stopped after {passed:.2f} s of a move of {path.duration:.2f} s. "
@@ -284,10 +285,9 @@ class SimulatedArm(PlannedArm, LocalDevice):
         tick = seconds / (len(q) - 1)
         for before, after in pairwise(q):
             speeds = (after - before) / tick
-            moves = speeds.any()
             half_way, payload = (before + after) / 2, self.sway.payload
             self.sway.advance(
-                tick, self.kinematics.momentum(half_way, speeds, payload) if moves else None
+                tick, self.kinematics.momentum(half_way, speeds, payload) if speeds.any() else None
             )
 
     def _draw_error(self) -> Array:
