@@ -20,8 +20,8 @@ pytest.importorskip("rtde_control")
 pytest.importorskip("viva_genicam")
 require_broadcasts()
 
-HALF_COUNT = 2.5e-6
-"""Metres: half of what one count of the laser's numbers is worth."""
+COUNT = 5e-6
+"""Metres that one count of the laser's numbers is worth: at its limit, a number is either."""
 
 SECTIONS = 3
 
@@ -35,7 +35,8 @@ NOISELESS = [
 
 @pytest.fixture(scope="module")
 def arm() -> Iterator[UrLoopbackProcess]:
-    with UrLoopbackProcess(address(), "--fast") as process:
+    # At its true speed: what is known 10 us late of a fast one is another profile.
+    with UrLoopbackProcess(address()) as process:
         yield process
 
 
@@ -65,8 +66,8 @@ def test_the_scan_is_the_same_as_with_the_simulated_laser(
     assert len(one.views) == len(other.views) > SECTIONS
     for a, b in zip(one.views, other.views, strict=True):
         np.testing.assert_array_equal(a.profile.valid, b.profile.valid)
-        np.testing.assert_allclose(a.profile.x_s, b.profile.x_s, atol=HALF_COUNT)
-        np.testing.assert_allclose(a.profile.z_s, b.profile.z_s, atol=HALF_COUNT)
+        np.testing.assert_allclose(a.profile.x_s, b.profile.x_s, atol=1.01 * COUNT)
+        np.testing.assert_allclose(a.profile.z_s, b.profile.z_s, atol=1.01 * COUNT)
         assert b.profile.time >= b.time  # exposed after the arm had come to rest
         assert b.profile.time_uncertainty > 0
     assert {"arm", "laser"} <= {event.name for event in other.events}
