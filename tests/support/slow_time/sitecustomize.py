@@ -5,7 +5,7 @@ A busy machine then has four times as long for what programs over a wire do in r
 
 import time
 
-SLOWNESS = 4
+SLOWNESS = 4.0
 monotonic, sleep = time.monotonic, time.sleep
 time.monotonic = lambda: monotonic() / SLOWNESS
-time.sleep = lambda seconds: sleep(SLOWNESS * seconds)
+time.sleep = lambda seconds: sleep(SLOWNESS * float(seconds))
