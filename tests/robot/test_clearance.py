@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Self
 
@@ -19,7 +20,13 @@ from tjscan.job.cell import clear_path_planner_of_job
 from tjscan.job.files import read_scan_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import PATH_CHECK_RESOLUTION, ClearPathPlanner
-from tjscan.robot.collision import SCANNED_GROOVE_NAME, CollisionModel, check_ignored_links
+from tjscan.robot.collision import (
+    SCANNED_GROOVE_NAME,
+    CollisionModel,
+    PlacedBody,
+    bodies_of_arm,
+    check_ignored_links,
+)
 from tjscan.robot.collision_checked import LARGEST_TURN_FROM_NEAR_JOINTS, CollisionCheckedArm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import interpolate_joints, linear_waypoints
@@ -131,6 +138,22 @@ def test_a_sphere_like_body_is_as_far_away_as_it_is() -> None:
     away = float(np.linalg.norm(tip_b - (2.0, 0.0, 0.3))) - 0.07
     pairs = [(pair.moving, pair.other) for pair in model.pairs]
     assert model.distances(HOME)[pairs.index(("tip", "ball"))] == pytest.approx(away, abs=EXACT)
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10_000))
+def test_bodies_that_are_placed_once_are_as_far_apart_and_no_farther_out(seed: int) -> None:
+    random, arm = np.random.default_rng(seed), kinematics()
+    leg = Solid("leg", Cylinder(0.3, 1.4), pose(p=random.uniform(-2, 2, 3)))
+    T, q = pose(rot_z(random.uniform(-3, 3)), random.uniform(-1, 1, 3)), random.uniform(-2, 2, 6)
+    model = CollisionModel(arm, [replace(leg, T=T @ leg.T)], [TIP])
+    expected = dict(zip(model.pairs, model.distances(q), strict=True))
+    bodies = {body.name: body for body in bodies_of_arm(arm, q, [TIP])}
+    for pair in (pair for pair in model.pairs if not pair.own):
+        away = bodies[pair.moving].distance(PlacedBody.of_solid(leg), T)
+        deep = max(away, expected[pair]) < 0  # how deep two bodies overlap is an estimate
+        assert deep or away == pytest.approx(expected[pair], abs=EXACT)
+    assert np.linalg.norm(arm.forward(q)[:3, 3]) <= max(one.farthest for one in bodies.values())
 
 
 @settings(max_examples=30)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,21 +12,23 @@ import numpy as np
 import pytest
 from cells import Notes
 from command import tjscan
-from station_jobs import WHOLE, data_of, written
+from station_jobs import WHOLE, data_of, table_of, written
 
 from tjscan.calibration.wizard.operator import Question
 from tjscan.carrier.simulated import SimulatedCarrier
+from tjscan.core.config import read_toml
 from tjscan.core.errors import CarrierFault, ConfigurationError, ScanInterrupted
-from tjscan.core.frames import Array, inverse_pose
+from tjscan.core.frames import Array, inverse_pose, transform_points, unit_vector
 from tjscan.job.carrier import CarrierSweep
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import Journal
 from tjscan.result.summary import read_stitching_report
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.run import ScanContext
+from tjscan.runs.scan.run import ScanContext, run_scan
 from tjscan.runs.stations.run import StationScan, resume_stations, run_stations
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.recording import read_recorded_scan
+from tjscan.scanning.stopping import StopRequest
 
 HOME = [36.0, 195.0, 25.0, -45.0, -99.0, 34.0]
 
@@ -82,6 +84,9 @@ def again(directory: Path) -> ScanContext:
     file = directory / "job.toml"
     return ScanContext(read_scan_job(file), file)
 
+
+ALIKE = 2e-5
+"""Metres: both draw the same noise."""
 
 QUICK = {"scan.length_mm": 400.0, "station.right.length_mm": 150.0}
 """Enough for start poses of the next station."""
@@ -139,24 +144,28 @@ def test_a_run_cut_off_in_a_move_of_the_carrier_goes_on(
     assert (run / "left" / "scan.mcap").read_bytes() == before
 
 
-def test_a_stop_now_brings_the_carrier_to_rest_and_the_run_goes_on_later(
+@pytest.mark.parametrize(
+    "ask", [StopRequest.request_stop_now, StopRequest.request_stop_after_section]
+)
+def test_a_stop_amid_a_move_lets_no_other_begin_and_the_run_goes_on_later(
+    ask: Callable[[StopRequest], None],
     quick: tuple[Path, tuple[StationScan, ...]],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     run = Path(shutil.copytree(quick[0], tmp_path / "run"))
     shutil.rmtree(run / "right")
-    context, stopped, move = again(run), list[Array](), SimulatedCarrier.move_to
+    context, begun, move = again(run), list[Array](), SimulatedCarrier.move_to
 
-    def stopped_on_the_way(self: SimulatedCarrier, values: Array) -> Array:
-        context.stop.request_stop_now()  # Ctrl-C, twice, while it moves
-        stopped.append(values)
+    def asked_on_the_way(self: SimulatedCarrier, values: Array) -> Array:
+        ask(context.stop)  # Ctrl-C, twice or once, while it moves
+        begun.append(values)
         return move(self, values)
 
-    monkeypatch.setattr(SimulatedCarrier, "move_to", stopped_on_the_way)
+    monkeypatch.setattr(SimulatedCarrier, "move_to", asked_on_the_way)
     with pytest.raises(ScanInterrupted):
         resume_stations(context, {}, Refusing(), unwatched)
-    assert len(stopped) == 1
+    assert len(begun) == 1
     assert not (run / "right").exists()
     monkeypatch.undo()
     assert all(s.is_complete for s in resume_stations(again(run), {}, Refusing(), unwatched))
@@ -186,6 +195,11 @@ def test_an_axis_the_wrong_way_round_is_named_before_the_first_large_move(
         (lambda d: d["station"][0].pop("first"), "station.0.first", "required"),
         (lambda d: d["carrier"]["axis"][0].pop("limits_deg"), "carrier.axis.0", "limits_deg"),
         (lambda d: d["carrier"].update(driver="acme"), "carrier.driver", "no carrier 'acme'"),
+        (
+            lambda d: d["carrier"].update(simulated={"reversed": ["trun"]}),
+            "carrier",
+            "simulated.reversed: no axis is called 'trun'",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_carrier_is_named(
@@ -240,26 +254,64 @@ def test_what_begins_near_a_plate_does_not_pass_through_it(tmp_path: Path) -> No
         sweep.check_line(np.array([0.0]), np.array([2.0]))
 
 
-def test_one_ctrl_c_lets_the_carrier_begin_no_move(
-    quick: tuple[Path, tuple[StationScan, ...]],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+def test_a_boom_does_not_swing_through_a_plate(tmp_path: Path) -> None:
+    data = turn_table()
+    axis = data["carrier"]["axis"][0] | {"point_mm": [0.0, 0.0, 0.0]}
+    data["carrier"] |= {"carries": "arm", "position_mm": [0.0, 0.0, 5000.0], "axis": [axis]}
+    data["carrier"]["euler_zyx_deg"] = [0.0, 0.0, 0.0]
+    boxes = (
+        ("boom's end", "b", [20.0, 20.0, 20.0], [20000.0, 0.0, 0.0]),
+        ("plate", "w", [400.0, 4.0, 400.0], [20000.0, 600.0, 5000.0]),
+    )
+    data["clearance"]["solid"] = [
+        {"name": name, "frame": frame, "kind": "box", "size_mm": size, "position_mm": place}
+        for name, frame, size, place in boxes
+    ]
+    job = job_of(tmp_path, data).job.job_at_station("left")
+    sweep = CarrierSweep(job, Kinematics.load("ur10e"), np.radians(HOME))
+    with pytest.raises(CarrierFault, match=r"boom's end would come within .* of plate"):
+        sweep.check_line(np.array([0.0]), np.array([1.0]))
+
+
+def test_a_look_that_a_reversed_axis_would_lead_into_something_is_not_made(
+    quick: tuple[Path, tuple[StationScan, ...]], tmp_path: Path
 ) -> None:
     run = Path(shutil.copytree(quick[0], tmp_path / "run"))
     shutil.rmtree(run / "right")
-    context, moved, move = again(run), list[Array](), SimulatedCarrier.move_to
+    data = read_toml(run / "job.toml")
+    T_w_b = read_scan_job(run / "left" / "job.toml").T_w_b
+    outrigger = data["clearance"]["solid"][-1]
+    # The table is to turn to negative angles; if it went the other way, the arm would come here.
+    there = unit_vector(np.cross(T_w_b[:3, 3], (0.0, 0.0, 1.0)))
+    gap = outrigger["radius_mm"] + data["clearance"]["margin_mm"] + 2.0
+    place = 1e3 * transform_points(T_w_b, 1e-3 * np.array(outrigger["position_mm"]))
+    post = {"name": "post", "frame": "w", "kind": "capsule", "radius_mm": 10.0, "length_mm": 10.0}
+    post["position_mm"] = (place + (gap + 10.0) * there).tolist()
+    data["clearance"]["solid"].append(post)
+    written(run, data)
+    with pytest.raises(CarrierFault, match=r"outrigger would come within .* of post"):
+        resume_stations(again(run), {}, Refusing(), unwatched)
+    assert not (run / "right").exists()
 
-    def asked_to_end(self: SimulatedCarrier, values: Array) -> Array:
-        context.stop.request_stop_after_section()
-        moved.append(values)
-        return move(self, values)
 
-    monkeypatch.setattr(SimulatedCarrier, "move_to", asked_to_end)
-    with pytest.raises(ScanInterrupted):
-        resume_stations(context, {}, Refusing(), unwatched)
-    assert len(moved) == 1
-    monkeypatch.undo()
-    assert all(s.is_complete for s in resume_stations(again(run), {}, Refusing(), unwatched))
+def test_an_exact_carrier_scans_as_a_base_that_stands_there(
+    quick: tuple[Path, tuple[StationScan, ...]], tmp_path: Path
+) -> None:
+    directory, _ = quick
+    job, carried = directory / "right" / "job.toml", read_recorded_scan(directory / "right")
+    data, T_w_b = read_toml(job), read_scan_job(job).T_w_b
+    del data["carrier"], data["station"][0]["carrier"], data["station"][0]["overlap_mm"]
+    data["station"][0] |= table_of(T_w_b)
+    data["simulation"]["arm"]["home_deg"] = HOME
+    data["joint"]["file"] = str(directory / "right" / data["joint"]["file"])
+    context = ScanContext(read_scan_job(written(tmp_path, data)), tmp_path / "job.toml")
+    run_scan(context, tmp_path / "run")
+    rigid = read_recorded_scan(tmp_path / "run")
+    assert len(rigid.sections) == len(carried.sections)
+    for one, other in zip(rigid.sections.values(), carried.sections.values(), strict=True):
+        across = np.eye(3) - np.outer(one.T_b_g[:3, 0], one.T_b_g[:3, 0])
+        off = (one.points_b - other.points_b)[1:4] @ across
+        assert np.linalg.norm(off, axis=1).max() < ALIKE
 
 
 def test_postures_are_checked_before_anything_moves(tmp_path: Path) -> None:
@@ -267,6 +319,21 @@ def test_postures_are_checked_before_anything_moves(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="6 joint angles"):
         run_stations(job_of(tmp_path, data), tmp_path / "run", Refusing(), unwatched)
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("options", [(), ("--dry-run",)])
+def test_one_station_is_not_scanned_while_the_carrier_is_elsewhere(
+    options: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(SimulatedCarrier, "state", lambda self: np.radians([5.0]))
+    file, out = written(tmp_path, turn_table()), tmp_path / "run"
+    assert tjscan("scan", file, "--station", "left", "--out", out, *options) == 4
+    told = " ".join(capsys.readouterr().err.split())
+    assert "the carrier is at turn 5 deg, and station left is at turn 0 deg" in told
+    assert not out.exists()
 
 
 def test_a_whole_joint_goes_round_in_one_command(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ Product of exponentials, after K. Lynch, F. Park, *Modern Robotics*, 2017, eq. (
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import reduce
 from typing import Annotated, Literal
 
 import numpy as np
@@ -15,7 +14,7 @@ from pydantic import Field
 
 from tjscan.core import units
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, inverse_pose, pose, unit_vector
+from tjscan.core.frames import Array, pose, unit_vector
 from tjscan.core.pose_vector import rotation_from_vector
 
 Direction = Annotated[tuple[float, float, float], units.LIST_OR_WORD_IN_FILE]
@@ -115,11 +114,16 @@ class CarrierKinematics:
         values : array_like, shape (n,)
             Of the axes, metres and radians.
         """
-        pairs = zip(self.axes, np.asarray(values, dtype=float).tolist(), strict=True)
-        carried = reduce(np.matmul, (axis.motion(value) for axis, value in pairs))
-        return np.asarray(
-            (inverse_pose(carried) if self.carries_joint else carried) @ self.T_w_b_zero
-        )
+        T_w_b = self.T_w_b_zero
+        for axis, value in self.from_base(values):
+            T_w_b = axis.motion(value) @ T_w_b
+        return np.asarray(T_w_b)
+
+    def from_base(self, values: ArrayLike) -> tuple[tuple[AxisSettings, float], ...]:
+        """Axes from the arm's base to the joint, with values by which each moves the base in w."""
+        given = np.asarray(values, dtype=float)
+        pairs = zip(self.axes, (-given if self.carries_joint else given).tolist(), strict=True)
+        return tuple(pairs) if self.carries_joint else tuple(pairs)[::-1]
 
     def check_values(self, values: ArrayLike) -> None:
         """Refuse values of another number than the axes, or beyond their limits.

@@ -102,12 +102,10 @@ class SimulatedCarrier(LocalDevice):
     def move_to(self, values: Array) -> Array:
         """See `Carrier.move_to`."""
         start, way = self.state(), np.asarray(values) - self._values
-        duration = float((np.abs(way) / self._rates).max())
-        share = 0.0 if self._stopped.is_set() else 1.0
-        if self._settings.realtime:
-            began = monotonic()
-            stopped = self._stopped.wait(duration)
-            share = min(1.0, (monotonic() - began) / duration) if stopped and duration else 1.0
+        takes = self._settings.realtime * float((np.abs(way) / self._rates).max())
+        began, share = monotonic(), 1.0
+        if self._stopped.wait(takes):
+            share = min(monotonic() - began, takes) / max(takes, 1e-9)
         self._values = start + share * way
         if share < 1.0:
             raise CarrierFault(

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-from itertools import pairwise, permutations
+from itertools import pairwise, permutations, product
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.errors import CarrierFault, ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.job.cell import collision_model_of_job
 from tjscan.job.devices import CarrierSettings
 from tjscan.job.files import CellJob
-from tjscan.robot.collision import BodyPair, distances_between_solids
+from tjscan.robot.collision import PlacedBody, bodies_of_arm
 from tjscan.robot.kinematics import Kinematics
-
-FARTHEST_BODY: Final = 2.5
-"""Metres from its base that no body of an arm is farther than."""
 
 SWEEP_RESOLUTION, LONGEST_SWEEP_STEP = 2e-3, 0.5
 """Metres that bodies may go between two looks, where they are at their margin and where they are
@@ -49,22 +44,18 @@ class CarrierSweep:
     """
 
     def __init__(self, job: CellJob, arm: Kinematics, q: Array) -> None:
-        self._job, self._arm, self._q = job, arm, q
-        self._carrier = carrier_of_job(job)
-        self._kinematics = self._carrier.kinematics
+        self._kinematics, table = carrier_of_job(job).kinematics, job.clearance
+        self._margin = table.solids
+        moving = bodies_of_arm(arm, q, [one.solid for one in table.tool])
+        moving += [PlacedBody.of_solid(one.solid) for one in table.solid if one.frame == "b"]
+        fixed = [PlacedBody.of_solid(one.solid) for one in table.solid if one.frame == "w"]
+        self._pairs = list(product(moving, fixed))
+        self._farthest = max(body.farthest for body in moving)
 
-    def distances(self, values: Array) -> tuple[list[BodyPair], Array]:
-        """Pairs of bodies that come nearer as the carrier moves, and their distances, metres."""
-        job, T_b_w = self._job, inverse_pose(self._kinematics.T_w_b(values))
-        model = collision_model_of_job(job, self._arm, job.clearance.tool, T_b_w)
-        near = zip(model.pairs, model.distances(self._q).tolist(), strict=True)
-        found = [one for one in near if not one[0].own]
-        solids = job.clearance.solid
-        found += distances_between_solids(
-            [one.solid for one in solids if one.frame == "b"],
-            [replace(one.solid, T=T_b_w @ one.solid.T) for one in solids if one.frame == "w"],
-        )
-        return [pair for pair, _ in found], np.array([distance for _, distance in found])
+    def _distances(self, values: Array) -> Array:
+        """Distances of all pairs, metres, shape (p,)."""
+        T_b_w = inverse_pose(self._kinematics.T_w_b(values))
+        return np.array([one.distance(other, T_b_w) for one, other in self._pairs], dtype=float)
 
     def check_line(self, start: Array, goal: Array) -> None:
         """Check a move of all axes together.
@@ -74,18 +65,19 @@ class CarrierSweep:
         CarrierFault
             If something would come too near to something else on the way.
         """
-        margin, s = self._job.clearance.solids, 0.0
-        distances = self.distances(start)[1]
+        margin, s = self._margin, 0.0
+        distances = self._distances(start)
         least = np.where(distances < margin, distances - ALLOWED_APPROACH, margin)
         most = self._most_motion(start, goal)
         while True:
-            pairs, distances = self.distances(start + s * (goal - start))
+            distances = self._distances(start + s * (goal - start))
             if (distances < least).any():
                 i = int((least - distances).argmax())
+                moving, fixed = self._pairs[i]
                 raise CarrierFault(
                     f"{s:.0%} of the way of the carrier to {self._kinematics.describe(goal)}, "
-                    f"{pairs[i].moving} would come within {1e3 * distances[i]:.0f} mm of "
-                    f"{pairs[i].other}, where {1e3 * margin:g} mm are asked for. Carry the arm in "
+                    f"{moving.name} would come within {1e3 * distances[i]:.0f} mm of "
+                    f"{fixed.name}, where {1e3 * margin:g} mm are asked for. Carry the arm in "
                     "another posture (home_deg), or choose other stops"
                 )
             if s == 1.0 or most == 0.0:
@@ -95,13 +87,15 @@ class CarrierSweep:
 
     def _most_motion(self, start: Array, goal: Array) -> float:
         """Metres that no body moves more than from start to goal."""
-        places = [self._kinematics.T_w_b(values)[:3, 3] for values in (start, goal)]
-        most = 0.0
-        for axis, way in zip(self._kinematics.axes, np.abs(goal - start).tolist(), strict=True):
+        most, T_w_b = 0.0, self._kinematics.T_w_b_zero
+        ways = np.abs(goal - start).tolist()
+        for (axis, value), way in zip(self._kinematics.from_base(start), ways, strict=True):
             away = 1.0
             if axis.point is not None:
-                away = FARTHEST_BODY + max(float(np.linalg.norm(p - axis.point)) for p in places)
+                away = float(np.linalg.norm(T_w_b[:3, 3] - axis.point))
+                away += self._farthest + most
             most += way * away
+            T_w_b = axis.motion(value) @ T_w_b
         return most
 
     def clear_way(self, start: Array, goal: Array) -> tuple[Array, ...]:

@@ -386,6 +386,9 @@ class CarrierSettings(DeviceSettings):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"axis: two axes are called {name!r}")
+        simulated, known = self.drivers.get("simulated"), {axis.name for axis in self.axis}
+        if unknown := set(simulated.reversed if simulated else ()) - known:
+            raise ValueError(f"simulated.reversed: no axis is called {min(unknown)!r}")
 
     @property
     def kinematics(self) -> CarrierKinematics:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import product
 from typing import Any, Final
 
 import coal
@@ -18,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError, nearest_word
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import Box, Capsule, Cylinder, Solid, SolidShape
 
@@ -231,20 +230,56 @@ class CollisionModel:
         return reach
 
 
-def distances_between_solids(
-    moving: Iterable[Solid], others: Iterable[Solid]
-) -> list[tuple[BodyPair, float]]:
-    """Distances of some solids from others, metres; below zero two overlap, about that deep."""
-    found = []
-    for one, other in product(moving, others):
-        shapes = [
-            (_collision_geometry(s.shape), coal.Transform3s(s.T[:3, :3], s.T[:3, 3]))
-            for s in (one, other)
-        ]
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedBody:
+    """A body that is somewhere.
+
+    Parameters
+    ----------
+    name : str
+        As of `BodyPair`.
+    shape : coal.CollisionGeometry
+        What it is.
+    T : ndarray, shape (4, 4)
+        Its pose.
+    """
+
+    name: str
+    shape: Any
+    T: Array
+
+    @classmethod
+    def of_solid(cls, solid: Solid) -> PlacedBody:
+        """A solid of a job."""
+        return cls(solid.name, _collision_geometry(solid.shape), solid.T)
+
+    @property
+    def farthest(self) -> float:
+        """Metres from the origin that no point of it is beyond."""
+        self.shape.computeLocalAABB()
+        centre = self.T[:3, :3] @ self.shape.aabb_center + self.T[:3, 3]
+        return float(np.linalg.norm(centre) + self.shape.aabb_radius)
+
+    def distance(self, other: PlacedBody, T: Array) -> float:
+        """Metres from another body that T moves; below zero they overlap, about that deep."""
+        placed = [coal.Transform3s(T[:3, :3], T[:3, 3]) for T in (self.T, T @ other.T)]
         asked, result = coal.DistanceRequest(), coal.DistanceResult()
-        distance = coal.distance(*shapes[0], *shapes[1], asked, result)
-        found.append((BodyPair(one.name, other.name, own=False), float(distance)))
-    return found
+        return float(coal.distance(self.shape, placed[0], other.shape, placed[1], asked, result))
+
+
+def bodies_of_arm(kinematics: Kinematics, q: Array, tool: Sequence[Solid]) -> list[PlacedBody]:
+    """Bodies of an arm and what its flange carries, in frame b, at joint angles in radians."""
+    data, T_b_root = kinematics.model.createData(), inverse_pose(kinematics.T_root_b)
+    pin.forwardKinematics(kinematics.model, data, q)
+    bodies = [*_link_bodies(kinematics), *(_carried_body(kinematics, solid) for solid in tool)]
+    return [
+        PlacedBody(
+            body.name,
+            body.geometry.geometry,
+            T_b_root @ (data.oMi[body.joint] * body.geometry.placement).homogeneous,
+        )
+        for body in bodies
+    ]
 
 
 def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Condition
 
-from tjscan.core.errors import ScanInterrupted
+from tjscan.core.errors import ScanInterrupted, TjscanError
 
 
 class StopRequest:
@@ -107,9 +107,19 @@ class StopRequest:
 
     @contextmanager
     def halt_arm_on_stop_now(self, halt: Callable[[], None]) -> Iterator[None]:
-        """Stop an arm by `halt` if the end is asked for now, while the block runs."""
+        """Stop an arm by `halt` if the end is asked for now, while the block runs.
+
+        Raises
+        ------
+        ScanInterrupted
+            In place of the error with which the block ends then.
+        """
         self._halt = halt
         try:
             yield
+        except TjscanError as error:
+            if self.must_stop_now:
+                raise ScanInterrupted from error
+            raise
         finally:
             self._halt = None

@@ -252,11 +252,10 @@ def scan_in_cell(
             first, second = job.start_poses
             return scanner.run(first.T, second.T)
         except errors.TjscanError as error:
+            reason, event = errors.message_with_notes(error), ScanEvent.FAILED
             if stop.must_stop_now:
-                reason = f"by the operator: {errors.message_with_notes(error)}"
-                journal.record(RunEvent(ScanEvent.INTERRUPTED, reason))
-                raise errors.ScanInterrupted from error
-            journal.record(RunEvent(ScanEvent.FAILED, errors.message_with_notes(error)))
+                reason, event = f"by the operator: {reason}", ScanEvent.INTERRUPTED
+            journal.record(RunEvent(event, reason))
             raise
 
 

@@ -6,7 +6,7 @@ The arm is drawn back before, the carrier's way is looked at, and its axes go th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -23,12 +23,11 @@ from tjscan.job.carrier import CarrierSweep, carrier_of_job
 from tjscan.job.cell import Cell, clear_path_planner_of_job
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import RunEvent
-from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.runs.run import nothing_recorded_yet
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
-from tjscan.scanning.journal import ScannedSurfaceObstacle
+from tjscan.scanning.journal import RecordedScan, ScannedSurfaceObstacle
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection, Sections
 
@@ -93,84 +92,64 @@ class Carriage:
         ScanInterrupted
             If everything was to stop at once.
         """
-        try:
-            return self._brought_to(self._context.job.station_names.index(name))
-        except errors.TjscanError as error:
-            if self._context.stop.must_stop_now:
-                raise errors.ScanInterrupted from error
-            raise
-
-    def _brought_to(self, i: int) -> ScanContext:
         names = self._context.job.station_names
-        there = self._context.at_station(names[i])
+        i, there = names.index(name), self._context.at_station(name)
         before = self._directory / names[max(i - 1, 0)]
-        seen = self._read_sections(before) if i else ()
-        self._find_arm(before, self._directory / names[i])
+        done, begun = _recorded(before), _recorded(self._directory / name)
+        for recorded in (done, begun):
+            if recorded is not None and recorded.views:
+                last = recorded.views[-1]
+                self._left = ArmState(last.q, last.T_b_f, last.time)
+        seen = done.reread_sections(groove_reader_of_job(there.job)) if i and done else ()
         if moves := not self._is_at(self._stops[i]):
             here = self._context.at_station(before.name)
-            first_move = i == 1 and not _is_begun(self._directory / names[1])
-            with self._cell(here) as cell:  # and the arm is drawn back
-                ScannedSurfaceObstacle(cell.clearance, seen if first_move else ())
-            if first_move and seen and self._settings.driver != "none":
-                if not self._is_at(self._stops[0]):  # a look was interrupted
-                    self._move_to(here, self._stops[0])
+            if i == 1 and seen and begun is None and self._settings.driver != "none":
                 self._check_directions(here, seen)
+            with self._cell(here, seen) as cell:  # draws the arm back
+                home = np.array(self._settings.home)
+                cell.arm.move_joint_to_pose(self._arm.forward(home), near=home)
             self._move_to(here, self._stops[i])
         reached = self._carrier.state()
         job = there.job.with_carrier_at(reached)
         if job.station[0].first is None and i:
             starts = start_poses_in_overlap(seen, job.station[0].overlap)
-            was = read_scan_job(before / JOB_FILE).carrier_values
-            T = inverse_pose(job.T_w_b) @ self._kinematics.T_w_b(was)
+            T = inverse_pose(job.T_w_b) @ read_scan_job(before / JOB_FILE).T_w_b
             first, second = (_pose_settings(T @ start) for start in starts)
             station = replace(job.station[0], first=first, second=second)
             job = job.model_copy(update={"station": (station,)})
         if moves and (posture := job.station[0].posture) is not None:
-            with self._cell(replace(there, job=job), drawn_back=False) as cell:
-                T_b_f = job.start_poses[0].T
-                self._left = cell.arm.move_joint_to_pose(T_b_f, near=np.array(posture))
+            with self._cell(replace(there, job=job)) as cell:
+                cell.arm.move_joint_to_pose(job.start_poses[0].T, near=np.array(posture))
         arrived = RunEvent("carrier", f"at {self._kinematics.describe(reached)}")
         return replace(there, job=job, left=self._left, arrived=(arrived,))
 
     def _is_at(self, values: Array) -> bool:
-        return bool(np.abs(values - self._carrier.state()).max() < AT_STOP_TOLERANCE)
-
-    def _find_arm(self, *directories: Path) -> None:
-        """Take note of where the last of some scans left the arm."""
-        for directory in filter(_is_begun, directories):
-            if views := read_recorded_scan(directory, _pass_over).views:
-                self._left = ArmState(views[-1].q, views[-1].T_b_f, views[-1].time)
-
-    def _read_sections(self, directory: Path) -> Sections:
-        """Finished sections of a station's recording; none if it has none."""
-        if not _is_begun(directory):
-            return ()
-        done = read_recorded_scan(directory, _pass_over)
-        return done.reread_sections(groove_reader_of_job(self._context.job))
+        return _is_near(self._carrier.state(), values)
 
     @contextmanager
-    def _cell(self, here: ScanContext, *, drawn_back: bool = True) -> Iterator[Cell]:
-        """The cell where the carrier now is, connected; afterwards the arm is drawn back."""
+    def _cell(self, here: ScanContext, seen: Sections = ()) -> Iterator[Cell]:
+        """The cell where the carrier now is, connected; how it leaves the arm is noted.
+
+        Of sections seen from here, the arm keeps clear of the groove between them.
+        """
+        at = here.job.carrier_values
         job = here.job.with_carrier_at(self._carrier.state())
         with add_file_to_errors(here.job_file):
             cell = replace(here, job=job, left=self._left).make_cell()
+        ScannedSurfaceObstacle(cell.clearance, seen if self._is_at(at) else ())
         stop = self._context.stop
         with cell, stop.halt_arm_on_stop_now(cell.arm.stop):
             stop.raise_if_stop_now()
             yield cell
             stop.raise_if_stop_now()
-            if not drawn_back:
-                return
-            home = np.array(self._settings.home)
-            self._left = cell.arm.move_joint_to_pose(self._arm.forward(home), near=home)
+            self._left = cell.arm.state()
 
     def _move_to(self, here: ScanContext, goal: Array) -> None:
-        """Move the carrier on a way on which the arm, as it stands, keeps clear."""
+        """Move the carrier on a way on which the arm, as it now stands, keeps clear."""
         stop = self._context.stop
-        if self._left is None:
-            raise errors.CarrierFault("the arm was not drawn back: where it is, is not known")
-        sweep = CarrierSweep(here.job, self._arm, self._left.q)
-        for values in sweep.clear_way(self._carrier.state(), goal):
+        with self._cell(here) as cell:
+            q = cell.arm.state().q
+        for values in CarrierSweep(here.job, self._arm, q).clear_way(self._carrier.state(), goal):
             if stop.ends_after_section:
                 raise errors.ScanInterrupted
             with stop.halt_arm_on_stop_now(self._carrier.stop):
@@ -180,88 +159,93 @@ class Carriage:
     def _check_directions(self, here: ScanContext, seen: Sections) -> None:
         """Look at the same groove from two places of every axis that is to move.
 
+        The arm stands before a section that was scanned, and only the carrier moves.
+
         Raises
         ------
         CarrierFault
             Naming the axis that goes the other way, or otherwise than it is described.
         """
+        if not self._is_at(self._stops[0]):  # an earlier look, or the move after it, was cut off
+            self._move_to(here, self._stops[0])
         start, T_w_b = self._carrier.state(), self._kinematics.T_w_b
         for i, axis in enumerate(self._kinematics.axes):
             ways = np.array(self._stops)[:, i] - start[i]
-            way = float(ways[np.abs(ways).argmax()])
-            unit = np.sign(way) * np.eye(len(start))[i]
-            step, telling = self._telling_step(start, unit, seen)
-            other = start + min(step, abs(way)) * unit
-            mirrored = self._seeming_shift(start, other - start, telling[-1])
-            if (size := float(np.linalg.norm(mirrored))) < LEAST_TELLING_SHIFT:
+            way = float(ways[np.abs(ways).argmax()]) * np.eye(len(start))[i]
+            other, telling = self._telling_step(start, way, seen)
+            if not telling:
                 continue
+            section = self._stand_before(telling, here, seen, (other, 2 * start - other))
             self._move_to(here, other)
-            try:
-                section, points = self._look_again(here, T_w_b(start), telling)
-                mirrored = self._seeming_shift(start, other - start, section)
-                size = float(np.linalg.norm(mirrored))
-                shift = transform_points(T_w_b(other), points)
-                shift -= transform_points(T_w_b(start), section.points_b)
-                share = float(shift[[1, 3]].mean(axis=0) @ mirrored) / size**2
-                seems = f"seems to have shifted by {1e3 * share * size:.1f} mm"
-            except errors.GrooveNotFound:
-                share, seems = np.inf, "was not seen again"
+            mirrored = self._seeming_shift(start, other, section, seen)
+            off = self._look(here, inverse_pose(T_w_b(start)) @ T_w_b(other), seen)
             self._move_to(here, start)
-            if abs(share) > MOST_SHARE_OF_MIRRORED:
+            if off > MOST_SHARE_OF_MIRRORED * mirrored:
+                seems = f"is {1e3 * off:.1f} mm beside" if np.isfinite(off) else "is not seen"
                 raise errors.CarrierFault(
                     f"axis {axis.name!r} of the carrier: its direction is reversed. After "
                     f"{axis.unit.to_file(float(other[i] - start[i])):.3g} {axis.unit.suffix} of it "
-                    f"the same groove {seems}; if the axis went the other way, it would by "
-                    f"{1e3 * size:.1f} mm. Write direction = {[-x for x in axis.direction]} in "
-                    "[carrier], or put its point right"
+                    f"the groove {seems} where it was scanned; if the axis went the other way, it "
+                    f"would be {1e3 * mirrored:.1f} mm beside. Write direction = "
+                    f"{[-x for x in axis.direction]} in [carrier], or put its point right"
                 )
 
-    def _look_again(
-        self, here: ScanContext, T_w_b: Array, sections: Sections
-    ) -> tuple[ScannedSection, Array]:
-        """The last section, of some scanned at T_w_b, that is got to from here, and its points.
-
-        These are the five points as seen now, in b as it is now.
-        """
-        with self._cell(here) as cell:
-            for section in reversed(sections):
-                T_b_f = inverse_pose(self._T_w_b) @ T_w_b @ section.view.T_b_f
-                try:
-                    state = cell.arm.move_joint_to_pose(T_b_f, near=section.view.q)
-                    break
-                except errors.PoseUnreachable:
-                    if section is sections[0]:
-                        raise
-            profiles = [cell.laser.capture() for _ in range(LOOKS_AT_GROOVE)]
-        read, lost = groove_reader_of_job(here.job), errors.GrooveNotFound("not seen", "no look")
-        for profile in profiles:
+    def _stand_before(
+        self, sections: Sections, here: ScanContext, seen: Sections, ends: tuple[Array, Array]
+    ) -> ScannedSection:
+        """Bring the arm to the last of some sections where the carrier may move to either end."""
+        blocked: errors.TjscanError | None = None
+        for section in reversed(sections):
+            view = section.view
             try:
-                T_b_s = state.T_b_f @ cell.T_f_s
-                return section, transform_points(T_b_s, read(profile).points_s)
-            except errors.GrooveNotFound as error:
-                lost = error
-        raise lost
+                for end in ends:
+                    CarrierSweep(here.job, self._arm, view.q).check_line(self._carrier.state(), end)
+                with self._cell(here, seen) as cell:
+                    cell.arm.move_joint_to_pose(view.T_b_f, near=view.q)
+            except (errors.CarrierFault, errors.PoseUnreachable) as error:
+                blocked = blocked or error
+            else:
+                return section
+        raise blocked or errors.CarrierFault("no section was scanned")
 
-    @property
-    def _T_w_b(self) -> Array:
-        return self._kinematics.T_w_b(self._carrier.state())
+    def _look(self, here: ScanContext, T_b_b: Array, seen: Sections) -> float:
+        """Metres by which the groove, put back by T_b_b, is beside what was seen; else infinite."""
+        with self._cell(here) as cell:
+            T_b_s = T_b_b @ cell.arm.state().T_b_f @ cell.T_f_s
+            profiles = [cell.laser.capture() for _ in range(LOOKS_AT_GROOVE)]
+        read = groove_reader_of_job(here.job)
+        for profile in profiles:
+            with suppress(errors.GrooveNotFound):
+                return _shift_across(transform_points(T_b_s, read(profile).points_s), seen)
+        return np.inf
 
-    def _telling_step(self, start: Array, unit: Array, seen: Sections) -> tuple[float, Sections]:
-        """Step of an axis, and sections that would seem to shift enough if it were reversed."""
-        small = DIRECTION_STEP * unit
-        sizes = [float(np.linalg.norm(self._seeming_shift(start, small, one))) for one in seen]
-        least = TELLING_SHARE * max(sizes)
-        telling = [one for one, size in zip(seen, sizes, strict=True) if size >= least]
-        step = DIRECTION_STEP * TELLING_SHIFT / max(*sizes, 1e-9)
-        return min(step, LONGEST_TELLING_STEP), telling
+    def _telling_step(self, start: Array, way: Array, seen: Sections) -> tuple[Array, Sections]:
+        """A step of an axis, and sections that would seem to shift enough if it were reversed."""
+        unit, shift = np.sign(way), self._seeming_shift
+        most = max(shift(start, start + DIRECTION_STEP * unit, one, seen) for one in seen)
+        step = min(DIRECTION_STEP * TELLING_SHIFT / max(most, 1e-9), LONGEST_TELLING_STEP)
+        other = start + np.clip(step * unit, -np.abs(way), np.abs(way))
+        sizes = [shift(start, other, one, seen) for one in seen]
+        least = max(LEAST_TELLING_SHIFT, TELLING_SHARE * max(sizes))
+        return other, [one for one, size in zip(seen, sizes, strict=True) if size >= least]
 
-    def _seeming_shift(self, start: Array, way: Array, section: ScannedSection) -> Array:
-        """Shift across the groove, in w, that a section shows if the carrier went the other way."""
+    def _seeming_shift(
+        self, start: Array, other: Array, section: ScannedSection, seen: Sections
+    ) -> float:
+        """Metres across the groove by which a section seems to shift if an axis is reversed."""
         T_w_b = self._kinematics.T_w_b
-        T_w_g = T_w_b(start) @ section.T_b_g
-        moved = T_w_b(start + way) @ inverse_pose(T_w_b(start - way)) @ T_w_g
-        shift, along = moved[:3, 3] - T_w_g[:3, 3], unit_vector(T_w_g[:3, 0])
-        return np.asarray(shift - (shift @ along) * along)
+        points_w = transform_points(T_w_b(start), section.points_b)
+        points_b = transform_points(inverse_pose(T_w_b(2 * start - other)), points_w)
+        T_b_b = inverse_pose(T_w_b(start)) @ T_w_b(other)
+        return _shift_across(transform_points(T_b_b, points_b), seen)
+
+
+def _shift_across(points_b: Array, seen: Sections) -> float:
+    """Metres by which a section's points are beside the groove where it was scanned."""
+    shifts = [(points_b - one.points_b)[[1, 3]].mean(axis=0) for one in seen]
+    i = int(np.linalg.norm(shifts, axis=1).argmin())
+    along = unit_vector(seen[i].T_b_g[:3, 0])
+    return float(np.linalg.norm(shifts[i] - (shifts[i] @ along) * along))
 
 
 @contextmanager
@@ -297,6 +281,27 @@ def carriage_of_job(
         yield Carriage(context, directory, carrier)
 
 
+def check_carrier_at_station(context: ScanContext) -> None:
+    """Check that the carrier of a job of one station, if it has one, is there; ask no person.
+
+    Raises
+    ------
+    CarrierFault
+        If it is elsewhere.
+    """
+    if (carrier := context.job.carrier) is None:
+        return
+    stop, kinematics = context.job.carrier_values, carrier.kinematics
+    inputs = CarrierDriverInputs(kinematics, stop, lambda text: True)
+    with carrier.make_device(inputs) as device:
+        at = device.state()
+    if not _is_near(at, stop):
+        raise errors.CarrierFault(
+            f"the carrier is at {kinematics.describe(at)}, and station "
+            f"{context.job.station[0].name} is at {kinematics.describe(stop)}: bring it there first"
+        )
+
+
 def start_poses_in_overlap(sections: Sections, overlap: float) -> tuple[Array, Array]:
     """Flange poses of two neighbouring sections from which a scan overlaps an earlier one.
 
@@ -328,8 +333,15 @@ def start_poses_in_overlap(sections: Sections, overlap: float) -> tuple[Array, A
     return sections[i].view.T_b_f, sections[i + 1].view.T_b_f
 
 
-def _pass_over(damage: RecordingDamage) -> None:
-    """A scan that is gone on with reports it."""
+def _recorded(directory: Path) -> RecordedScan | None:
+    """A station's scan as recorded; a scan that is gone on with reports what is damaged."""
+    if not _is_begun(directory):
+        return None
+    return read_recorded_scan(directory, lambda damage: None)
+
+
+def _is_near(values: Array, stop: Array) -> bool:
+    return bool(np.abs(values - stop).max() < AT_STOP_TOLERANCE)
 
 
 def _is_begun(directory: Path) -> bool:

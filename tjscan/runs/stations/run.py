@@ -208,10 +208,9 @@ def _check_cells_at_stations(context: ScanContext) -> None:
     for name in context.job.station_names:
         there = context.at_station(name)
         arm, carrier = there.make_cell().clearance.kinematics, there.job.carrier
-        postures = (
-            {"station.posture_deg": there.job.station[0].posture} if there.job.station else {}
-        )
-        postures |= {} if carrier is None else {"carrier.home_deg": carrier.home}
+        postures = {"station.posture_deg": there.job.station[0].posture}
+        if carrier is not None:
+            postures["carrier.home_deg"] = carrier.home
         for key, q in postures.items():
             if q is not None and (
                 len(q) != len(arm.lower) or arm.joint_limit_excess(np.array(q)).max() > 0
