@@ -281,9 +281,9 @@ def measure(seeds: range) -> Iterator[Row]:
         for what in scans:
             yield Row(f"scan {what}; designed edges", mean(what, [CAD] * len(seeds)), np.inf, "mm")
         for which in (SCALED, SHINY):
-            camera = next(name for name, one in CAMERAS.items() if one is which)
-            both = mean(list(scans)[-1], clouds[camera])
-            yield Row(f"scan … and all that is off; camera {camera}", both, np.inf, "mm")
+            label = next(what for what, one in CAMERAS.items() if one is which)
+            both = mean(list(scans)[-1], clouds[label])
+            yield Row(f"scan … and all that is off; camera {label}", both, np.inf, "mm")
     yield Row("the paper's scans and camera", PAPER_MM, np.inf, "mm")
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from camera import EXACT, MIDDLE, Camera, Stage
+from camera import CAD, EXACT, MIDDLE, Camera, Stage
 
 from tjscan.comparison.distance import MeshDistance
 from tjscan.joint.file import read_joint
@@ -20,18 +20,19 @@ def stage() -> Stage:
 
 def distances(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Points of a cloud, and how far they are outside the surface, metres."""
-    from camera import CAD
-
     mesh = build_joint_mesh(read_joint(CAD))
     points = stage().cloud_j(camera, np.random.default_rng(1))
-    return points, MeshDistance(mesh.vertices, mesh.triangles).signed_distances(points)
+    return points, MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp)).signed_distances(
+        points
+    )
 
 
 def test_an_exact_camera_measures_the_surface_on_its_side_of_the_brace() -> None:
     points, off = distances(COARSE)
     assert len(points) > 1000
     assert np.abs(off).max() < 1e-6
-    azimuth = np.angle(np.exp(1j * (np.arctan2(points[:, 1], points[:, 0]) - MIDDLE)))
+    brace = points[np.hypot(points[:, 0], points[:, 1]) < 0.2287]
+    azimuth = np.angle(np.exp(1j * (np.arctan2(brace[:, 1], brace[:, 0]) - MIDDLE)))
     assert np.abs(azimuth).max() < np.pi / 2
 
 
