@@ -215,7 +215,6 @@ def all_together(steps_mm: tuple[int, ...]) -> Iterator[Row]:
             value = found[bar.case, int(bar.step_mm)].motion[which]
             name = f"case {bar.case}, {bar.step_mm:g} mm: {what}"
             yield near(name, value, bar.value, MOTION_WITHIN * bar.value, unit)
-    yield from spreads(PAPERS, steps_mm)
 
 
 def spreads(tests: Tests, steps_mm: tuple[int, ...]) -> Iterator[Row]:
