@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -247,6 +249,25 @@ def test_a_slower_controller_than_the_job_says_is_refused(maker: Maker) -> None:
         cell.arm() as arm,
     ):
         arm.move_joint_to_pose(maker.beside_home(0.0, 0.2))
+
+
+def test_a_controller_without_a_terminal_is_moved_too() -> None:
+    """As ``tjscan abb-loopback &`` of a script has no stdin."""
+    cell = MakerCell(ABB)
+    options = ("--fast", "--host", cell.host, "--computer", f"{cell.bind}:{ABB.port}")
+    program = [sys.executable, "-c", "from tjscan.cli import main; main()", "abb-loopback"]
+    with subprocess.Popen(
+        [*program, *options], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True
+    ) as controller:
+        assert controller.stdout is not None
+        assert controller.stdout.readline().startswith("ready")
+        try:
+            with cell.arm(silence=SILENCE) as arm:
+                goal = ABB.beside_home(0.05)
+                reached = arm.move_joint_to_pose(goal)
+        finally:
+            controller.kill()
+    np.testing.assert_allclose(reached.T_b_f[:3, 3], goal[:3, 3], rtol=0, atol=ARRIVAL)
 
 
 def test_j3_from_the_horizontal_is_found_by_the_pose() -> None:

@@ -102,7 +102,7 @@ class LoopbackServer:
         survive_background_terminal_read()
         Thread(target=self._listen, daemon=True).start()
         print_line(f"ready {self._host} {self._computer[0]}:{self._computer[1]}")
-        while not (self._attached and self._ended):
+        while not self._ended:
             link = self._link_of_program() if self._controller.runs else None
             if link is not None:
                 self._cycle(link)
@@ -233,7 +233,7 @@ class LoopbackServer:
             while True:
                 line = self._lines.get(timeout=patience) if patience else self._lines.get_nowait()
                 if line is None:
-                    self._ended = True
+                    self._ended = self._attached
                     return
                 self._obey(line.strip())
 
