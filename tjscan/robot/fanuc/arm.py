@@ -13,6 +13,9 @@ from tjscan.robot.cyclic.arm import WRONG_ARM_MODEL_DISTANCE, CyclicArm
 UNCLEAR_J3_DISTANCE: Final = 4 * WRONG_ARM_MODEL_DISTANCE
 """Metres between the flanges of both counts of J3, below which the pose does not show which."""
 
+J2_AT_J3: Final = np.outer(np.eye(6)[1], np.eye(6)[2])
+"""Joint angles times this have J2 in the place of J3, and else 0."""
+
 
 class FanucArm(CyclicArm):
     """A FANUC arm, or the loopback controller in its place; see `CyclicArm`.
@@ -25,7 +28,7 @@ class FanucArm(CyclicArm):
 
     def _check_arm_model(self) -> None:
         state = self._read_state()
-        counts = (state.q, state.q + _j2_at_j3(state.q))
+        counts = (state.q, state.q + state.q @ J2_AT_J3)
         flanges_b = np.array([self.kinematics.forward(q)[:3, 3] for q in counts])
         if np.linalg.norm(flanges_b[0] - flanges_b[1]) < UNCLEAR_J3_DISTANCE:
             raise errors.ConfigurationError(
@@ -38,13 +41,7 @@ class FanucArm(CyclicArm):
         self._check_flange()
 
     def _model_angles(self, q: Array) -> Array:
-        return q + self._j3_from_horizontal * _j2_at_j3(q)
+        return np.asarray(q + self._j3_from_horizontal * q @ J2_AT_J3)
 
     def _controller_angles(self, q: Array) -> Array:
-        return q - self._j3_from_horizontal * _j2_at_j3(q)
-
-
-def _j2_at_j3(q: Array) -> Array:
-    angles = np.zeros_like(q)
-    angles[..., 2] = q[..., 1]
-    return angles
+        return np.asarray(q - self._j3_from_horizontal * q @ J2_AT_J3)
