@@ -194,7 +194,7 @@ def test_a_stop_from_another_thread_ends_the_move(cell: MakerCell) -> None:
 def test_another_arm_than_the_job_says_is_refused(cell: MakerCell) -> None:
     with (
         pytest.raises(errors.ConfigurationError, match="name the right arm"),
-        cell.maker.arm(Kinematics.load("ur10e"), cell.settings()),
+        CyclicArm(Kinematics.load("ur10e"), cell.settings()),
     ):
         pass
 
@@ -236,7 +236,7 @@ def test_no_controller_is_told(maker: Maker) -> None:
     silent = maker.settings(address(), bind=address(), connect_limit=1.0)
     with (
         pytest.raises(errors.ArmNotConnected, match="no packet came"),
-        maker.arm(maker.kinematics, silent),
+        CyclicArm(maker.kinematics, silent),
     ):
         pass
 

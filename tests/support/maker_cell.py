@@ -14,7 +14,6 @@ from tjscan.core.frames import Array, pose, rotation_angle_between
 from tjscan.robot.abb.settings import AbbSettings
 from tjscan.robot.cyclic.arm import CyclicArm
 from tjscan.robot.cyclic.settings import CyclicSettings
-from tjscan.robot.fanuc.arm import FanucArm
 from tjscan.robot.fanuc.settings import FanucSettings
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.kuka.settings import KukaSettings
@@ -35,7 +34,6 @@ class Maker:
     name: str
     model: str
     home_deg: tuple[float, ...]
-    arm: type[CyclicArm]
     settings: type[CyclicSettings]
     stamp: str
 
@@ -59,9 +57,9 @@ class Maker:
         return self.settings("127.0.0.1").port
 
 
-ABB = Maker("abb", "irb1600_10_145", (91, 46, -6, -62, 85, -57), CyclicArm, AbbSettings, "seqno")
-FANUC = Maker("fanuc", "m10ia", (93, 22, -9, -119, 90, 65), FanucArm, FanucSettings, "number")
-KUKA = Maker("kuka", "kr5_arc", (-90, -60, 65, 60, 95, 75), CyclicArm, KukaSettings, "IPOC")
+ABB = Maker("abb", "irb1600_10_145", (91, 46, -6, -62, 85, -57), AbbSettings, "seqno")
+FANUC = Maker("fanuc", "m10ia", (93, 22, -9, -119, 90, 65), FanucSettings, "number")
+KUKA = Maker("kuka", "kr5_arc", (-90, -60, 65, 60, 95, 75), KukaSettings, "IPOC")
 
 
 class MakerCell(ArmLoopbackProcess):
@@ -92,7 +90,7 @@ class MakerCell(ArmLoopbackProcess):
     ) -> CyclicArm:
         """The driver, not yet connected."""
         settings = self.settings(silence=silence, **changes)
-        return self.maker.arm(self.maker.kinematics, settings, limits)
+        return CyclicArm(self.maker.kinematics, settings, limits)
 
     def true_q(self) -> Array:
         """Joint angles of the simulated arm, radians."""
