@@ -16,7 +16,7 @@ from _fuzz import Reader
 
 from tjscan.calibration.file import CalibrationFile, read_calibration, write_calibration
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.pose_files import read_flange_poses, read_points_in_base_frame
+from tjscan.calibration.pose_files import read_flange_poses, read_points
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.logbook import (
     BoardTouch,
@@ -184,7 +184,7 @@ def _tables(run: Path) -> Iterator[Reader]:
         "poses", "poses.csv", (quaternions.encode(), angles.encode()), read_flange_poses, 4
     )
     points = b"x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n7,8,10\n"
-    yield Reader("touched points", "points.csv", (points,), read_points_in_base_frame, 4)
+    yield Reader("touched points", "points.csv", (points,), read_points, 4)
     sections = (run / "sections.csv").read_bytes()
     yield Reader("sections", "sections.csv", (sections,), read_sections_csv, 4)
     summary = (run / "summary.json").read_bytes()

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
-from _maker_jobs import ABB, FANUC, JOB, KUKA, MakersArm
+from _maker_jobs import ABB, FANUC, KUKA, SHORT, MakersArm
 from _table import Row, main
 
 from tjscan.core import errors
@@ -27,7 +27,7 @@ from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan_loopback.process import CyclicLoopbackProcess
+from tjscan_loopback.process import ArmLoopbackProcess
 
 FAULTS: Final = 200
 QUICK_FAULTS: Final = 20
@@ -88,15 +88,15 @@ class Counts:
 
 
 @contextmanager
-def running(maker: MakersArm) -> Iterator[CyclicLoopbackProcess]:
+def running(maker: MakersArm) -> Iterator[ArmLoopbackProcess]:
     """The maker's loopback controller."""
-    with CyclicLoopbackProcess(f"{maker.name}-loopback", maker.host, *maker.options) as loopback:
+    with ArmLoopbackProcess(f"{maker.name}-loopback", maker.host, *maker.options) as loopback:
         yield loopback
 
 
 def context_of(maker: MakersArm, keys: dict[str, Any]) -> ScanContext:
     """A short scan before an arm."""
-    return ScanContext(read_scan_job(JOB, maker.job_keys() | keys), JOB)
+    return ScanContext(read_scan_job(maker.job, SHORT | keys), maker.job)
 
 
 def scan(maker: MakersArm, keys: dict[str, Any]) -> ScanResult:
@@ -105,7 +105,7 @@ def scan(maker: MakersArm, keys: dict[str, Any]) -> ScanResult:
     return scan_in_cell(context.make_cell(), context.job, CombinedJournal())
 
 
-def difference_mm(maker: MakersArm, loopback: CyclicLoopbackProcess) -> float:
+def difference_mm(maker: MakersArm, loopback: ArmLoopbackProcess) -> float:
     """Largest distance of a corner of the scan over the wire from the simulated arm's."""
     loopback.schedule_fault("home")
     one, other = scan(maker, FAULTLESS), scan(maker, FAULTLESS | driven(maker))
@@ -124,7 +124,7 @@ class Ended:
     whole: bool
 
 
-def end_of(maker: MakersArm, loopback: CyclicLoopbackProcess, fault: str, cycles: int) -> Ended:
+def end_of(maker: MakersArm, loopback: ArmLoopbackProcess, fault: str, cycles: int) -> Ended:
     """Scan with a fault in it."""
     loopback.schedule_fault("home")
     loopback.unread_output()

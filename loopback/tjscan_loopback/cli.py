@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from tjscan_loopback.cyclic.options import AbbOptions, FanucOptions, KukaOptions
+
 if TYPE_CHECKING:
     from tjscan_loopback.vehicle.towing import TowingBodies
 
@@ -65,17 +67,7 @@ def ur_loopback(
     )
 
 
-def kuka_loopback(
-    *,
-    model: str = "kr5_arc",
-    host: str = "127.0.0.5",
-    computer: str = "127.0.0.1:59152",
-    cycle_ms: int = 4,
-    timeout: int = 100,
-    realtime: Annotated[bool, Parameter(negative="--fast")] = True,
-    home_deg: tuple[float, float, float, float, float, float] = (-90, -60, 65, 60, 95, 75),
-    attached: bool = False,
-) -> None:
+def kuka_loopback(options: KukaOptions | None = None) -> None:
     """Simulate a KUKA controller with RSI on this machine, until interrupted.
 
     Its program starts once the computer listens. A line on stdin commands a fault: of answers
@@ -83,52 +75,13 @@ def kuka_loopback(
     double-packet, old-packet, foreign-packet, wrong-type, malformed, wrong-ipoc or frozen-ipoc;
     stand, stop-program or stop. clear sets all right again and starts the program, home puts the
     arm where it started, too. With a number behind it, it comes after so many cycles of motion.
-
-    Parameters
-    ----------
-    model
-        The arm, or the path of its URDF.
-    host
-        The address that it sends from, 127.0.0.1 to 127.255.255.254.
-    computer
-        HOST:PORT on this machine to which it sends.
-    cycle_ms
-        Milliseconds between two packets, 4 or 12.
-    timeout
-        Answers that may be late or missing until it stops.
-    realtime
-        Whether its clock runs with the wall's; with --fast it waits for each answer, and moves
-        run as fast as answers come.
-    home_deg
-        Where the arm starts, six joint angles in degrees.
-    attached
-        End when stdin ends.
     """
     from tjscan_loopback.kuka.serve import run_loopback_controller
 
-    run_loopback_controller(
-        model,
-        host,
-        computer,
-        cycle_ms=cycle_ms,
-        timeout=timeout,
-        home_deg=home_deg,
-        realtime=realtime,
-        attached=attached,
-    )
+    run_loopback_controller(options or KukaOptions())
 
 
-def abb_loopback(
-    *,
-    model: str = "irb1600_10_145",
-    host: str = "127.0.0.6",
-    computer: str = "127.0.0.1:6510",
-    cycle_ms: int = 4,
-    timeout_s: float = 1.0,
-    realtime: Annotated[bool, Parameter(negative="--fast")] = True,
-    home_deg: tuple[float, float, float, float, float, float] = (0, 0, 0, 0, 60, 0),
-    attached: bool = False,
-) -> None:
+def abb_loopback(options: AbbOptions | None = None) -> None:
     """Simulate an ABB controller with EGM on this machine, until interrupted.
 
     Its program starts once the computer listens. A line on stdin commands a fault: of answers
@@ -137,52 +90,13 @@ def abb_loopback(
     stand (its motors go off), stop-program or stop. clear sets all right again and starts the
     program, home puts the arm where it started, too. With a number behind it, it comes after so
     many cycles of motion.
-
-    Parameters
-    ----------
-    model
-        The arm, or the path of its URDF.
-    host
-        The address that it sends from, 127.0.0.1 to 127.255.255.254.
-    computer
-        HOST:PORT on this machine to which it sends.
-    cycle_ms
-        Milliseconds between two messages, 4 or a multiple of it.
-    timeout_s
-        Seconds without an answer until it stops (CommTimeout).
-    realtime
-        Whether its clock runs with the wall's; with --fast it waits for each answer, and moves
-        run as fast as answers come.
-    home_deg
-        Where the arm starts, six joint angles in degrees.
-    attached
-        End when stdin ends.
     """
     from tjscan_loopback.abb.serve import run_loopback_controller
 
-    run_loopback_controller(
-        model,
-        host,
-        computer,
-        cycle_ms=cycle_ms,
-        timeout_s=timeout_s,
-        home_deg=home_deg,
-        realtime=realtime,
-        attached=attached,
-    )
+    run_loopback_controller(options or AbbOptions())
 
 
-def fanuc_loopback(
-    *,
-    model: str = "m10ia",
-    host: str = "127.0.0.7",
-    cycle_ms: int = 8,
-    patience: int = 9,
-    j3_from_horizontal: bool = False,
-    realtime: Annotated[bool, Parameter(negative="--fast")] = True,
-    home_deg: tuple[float, float, float, float, float, float] = (0, 20, 0, 0, -60, 0),
-    attached: bool = False,
-) -> None:
+def fanuc_loopback(options: FanucOptions | None = None) -> None:
     """Simulate a FANUC controller with Stream Motion on this machine, until interrupted.
 
     It listens on UDP port 60015. A line on stdin commands a fault: of commands lose-answer,
@@ -191,39 +105,10 @@ def fanuc_loopback(
     frozen-number; stand (an emergency stop), stop-program or stop. clear sets all right again and
     starts the program, home puts the arm where it started, too. With a number behind it, it comes
     after so many cycles of motion.
-
-    Parameters
-    ----------
-    model
-        The arm, or the path of its URDF.
-    host
-        Its address, 127.0.0.1 to 127.255.255.254.
-    cycle_ms
-        Milliseconds between two status packets.
-    patience
-        Commands in a row that may be missing: it goes on as before, and then stops.
-    j3_from_horizontal
-        Whether its J3 counts from the horizontal, as its pendant's does.
-    realtime
-        Whether its clock runs with the wall's; with --fast it waits for each command, and moves
-        run as fast as commands come.
-    home_deg
-        Where the arm starts, six joint angles of the model in degrees.
-    attached
-        End when stdin ends.
     """
     from tjscan_loopback.fanuc.serve import run_loopback_controller
 
-    run_loopback_controller(
-        model,
-        host,
-        cycle_ms=cycle_ms,
-        patience=patience,
-        j3_from_horizontal=j3_from_horizontal,
-        home_deg=home_deg,
-        realtime=realtime,
-        attached=attached,
-    )
+    run_loopback_controller(options or FanucOptions())
 
 
 def laser_loopback(

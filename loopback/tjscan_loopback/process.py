@@ -219,35 +219,15 @@ class LoopbackProgram:
                     stream.close()
 
 
-class UrLoopbackProcess(LoopbackProgram):
-    """Process with a loopback controller; a context manager starts and ends it.
-
-    Parameters
-    ----------
-    host : str
-        The address that it listens on.
-    *options : str
-        Further options of ``tjscan ur-loopback``.
-    """
-
-    ended, silent = ArmNotConnected, ArmNotResponding
-
-    def __init__(self, host: str, *options: str) -> None:
-        super().__init__("ur-loopback", "--host", host, *options)
-        self.host = host
-
-
-class CyclicLoopbackProcess(LoopbackProgram):
-    """Process with a loopback controller that asks for joint angles in every cycle.
-
-    A context manager starts and ends it.
+class ArmLoopbackProcess(LoopbackProgram):
+    """Process with an arm's loopback controller; a context manager starts and ends it.
 
     Parameters
     ----------
     command : str
         The command of ``tjscan``.
     host : str
-        The address that it sends from.
+        Its address.
     *options : str
         Further options of that command.
     """
@@ -259,21 +239,11 @@ class CyclicLoopbackProcess(LoopbackProgram):
         self.host = host
 
 
-class KukaLoopbackProcess(CyclicLoopbackProcess):
-    """Process with a loopback KUKA controller; a context manager starts and ends it.
+class UrLoopbackProcess(ArmLoopbackProcess):
+    """Process of ``tjscan ur-loopback``; parameters as `ArmLoopbackProcess` has them."""
 
-    Parameters
-    ----------
-    host : str
-        The address that it sends from.
-    computer : str
-        ``HOST:PORT`` to which it sends.
-    *options : str
-        Further options of ``tjscan kuka-loopback``.
-    """
-
-    def __init__(self, host: str, computer: str, *options: str) -> None:
-        super().__init__("kuka-loopback", host, "--computer", computer, *options)
+    def __init__(self, host: str, *options: str) -> None:
+        super().__init__("ur-loopback", host, *options)
 
 
 class LaserLoopbackProcess(LoopbackProgram):

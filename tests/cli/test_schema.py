@@ -14,9 +14,10 @@ from tjscan.job.reading import FILE_KINDS, kind_of_other_file
 
 ROOT = Path(__file__).parents[2]
 CRAWLS = ("crawl", "crawl-paper-initial", "crawl-paper-final")
+SCANS = ("paper", "ur10e", "whole-joint", "kr5_arc", "irb1600_10_145", "m10ia")
 FILES = {
     "joint": sorted((ROOT / "cad").glob("*.toml")),
-    "scan": [ROOT / "examples" / f"{name}.toml" for name in ("paper", "ur10e", "whole-joint")],
+    "scan": [ROOT / "examples" / f"{name}.toml" for name in SCANS],
     "weld": [ROOT / "examples" / "weld.toml"],
     "recorded": [ROOT / "examples" / "calibrate-recorded.toml"],
     "accept": [ROOT / "examples" / "accept.toml"],

@@ -1,4 +1,4 @@
-"""ABB's and FANUC's streams, packet by packet, against the loopback controllers without a wire."""
+"""Streams of three makers, packet by packet, against their loopbacks without a wire."""
 
 from __future__ import annotations
 
@@ -9,25 +9,29 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from maker_cell import ABB, FANUC, Maker
+from maker_cell import ABB, FANUC, KUKA, Maker
 
 from tjscan.core import errors
 from tjscan.core.frames import Array
 from tjscan.robot.abb import packets as egm
-from tjscan.robot.abb.stream import GuidanceStream
 from tjscan.robot.cyclic.arm import rows_of_cycles
 from tjscan.robot.cyclic.stream import CyclePacket, CyclicStream, PacketRefused
 from tjscan.robot.fanuc import packets as stmo
-from tjscan.robot.fanuc.stream import MotionStream
-from tjscan.robot.path import MotionLimits, PathPlanner
+from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
+from tjscan.robot.settings import InputShaper
 from tjscan_loopback.abb.controller import EgmController
 from tjscan_loopback.abb.controller import parse_answer as parse_sensor
 from tjscan_loopback.cyclic.controller import CyclicController
 from tjscan_loopback.fanuc.controller import StreamController, parse_command
+from tjscan_loopback.kuka.controller import RsiController
 
 CONTROLLER = ("10.0.0.5", 40001)
-CYCLES = {"abb": 4e-3, "fanuc": 8e-3}
-CONTROLLERS: dict[str, type[CyclicController]] = {"abb": EgmController, "fanuc": StreamController}
+CYCLES = {"abb": 4e-3, "fanuc": 8e-3, "kuka": 4e-3}
+CONTROLLERS: dict[str, type[CyclicController]] = {
+    "abb": EgmController,
+    "fanuc": StreamController,
+    "kuka": RsiController,
+}
 WIRE = np.radians(1e-9)
 CAPABLE = stmo.CAPABILITY_FORMAT.pack(stmo.READ_CAPABILITY, 3, 1, 8, 0, 3, 0)
 
@@ -38,36 +42,36 @@ def goal_of(maker: Maker) -> Array:
     return np.asarray(maker.home + np.radians([6.0, -3.0, 5.0, 2.0, -4.0, 8.0]))
 
 
-PATHS = {
-    maker.name: PathPlanner(maker.kinematics, MotionLimits()).path_to_joint_angles(
-        maker.home, goal_of(maker)
-    )
-    for maker in (ABB, FANUC)
-}
-KINEMATICS = {maker.name: maker.kinematics for maker in (ABB, FANUC)}
+def path_of(maker: Maker, shaper: InputShaper | None = None) -> JointTrajectory:
+    planner = PathPlanner(maker.kinematics, MotionLimits(shaper=shaper))
+    return planner.path_to_joint_angles(maker.home, goal_of(maker))
+
+
+PATHS = {maker.name: path_of(maker) for maker in (ABB, FANUC)}
+
+
+def stream_to(maker: Maker) -> CyclicStream[Any]:
+    return maker.settings("127.0.0.1").make_stream(CONTROLLER[0])
 
 
 class Pair:
     """A controller and the stream that answers it, without a wire between them."""
 
-    def __init__(self, maker: Maker, *, patience: int = 10_000, smoothing: float = 0.16) -> None:
+    def __init__(self, maker: Maker, path: JointTrajectory | None = None) -> None:
         self.said: list[str] = []
         cycle = CYCLES[maker.name]
         self.controller = CONTROLLERS[maker.name](
-            KINEMATICS[maker.name],
+            maker.kinematics,
             maker.home,
             cycle_ms=round(1e3 * cycle),
-            patience=patience,
+            patience=10_000,
             report_line=self.said.append,
         )
-        self.stream: CyclicStream[Any] = (
-            GuidanceStream(CONTROLLER[0], cycle)
-            if maker is ABB
-            else MotionStream(CONTROLLER[0], cycle, smoothing)
-        )
+        self.stream = stream_to(maker)
         if maker is FANUC:
             assert self.stream.answer(CAPABLE, CONTROLLER) is None
-        self.path, self.rows = PATHS[maker.name], rows_of_cycles(PATHS[maker.name], cycle)
+        self.path = path or PATHS[maker.name]
+        self.rows = rows_of_cycles(self.path, cycle)
         self.goal = goal_of(maker)
         self.cycle()
 
@@ -95,6 +99,25 @@ def test_a_path_is_run_through_to_its_end(maker: Maker) -> None:
     assert pair.said == ["at rest"]
     share = (passed - pair.rows[0]) / (pair.goal - pair.rows[0])
     np.testing.assert_allclose(share, share[:, :1].repeat(6, axis=1), atol=1e-6)
+
+
+def sway_left(maker: Maker, shaper: InputShaper | None) -> float:
+    """Sway of 3 Hz, damped by 2 %, when a move ends that pushes as it accelerates; of any scale."""
+    pair = Pair(maker, path_of(maker, shaper))
+    pair.begin()
+    commanded = np.array([pair.cycle() for _ in range(len(pair.rows) + 40)])
+    assert not pair.stream.moving
+    np.testing.assert_allclose(commanded[-1], pair.goal, rtol=0, atol=WIRE * 1e4)
+    pushes = np.diff(commanded[:, 0], 2)
+    left = CYCLES[maker.name] * np.arange(len(pushes))[::-1]
+    return float(abs(np.sum(pushes * np.exp((-0.02 + 1j) * 6 * np.pi * left))))
+
+
+@pytest.mark.parametrize("off", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("maker", [ABB, FANUC, KUKA], ids=lambda maker: maker.name)
+def test_a_shaped_move_arrives_shaped(maker: Maker, off: float) -> None:
+    shaped = sway_left(maker, InputShaper(frequency=3.0 * off, damping=0.02))
+    assert shaped < 0.05 * sway_left(maker, None)
 
 
 @makers
@@ -199,11 +222,7 @@ def test_a_fanuc_rests_before_its_motion_is_ended() -> None:
 def test_why_a_packet_is_not_answered_yet_is_told(maker: Maker) -> None:
     controller = Pair(maker).controller
     controller.standing = True
-    fresh: CyclicStream[Any] = (
-        GuidanceStream(CONTROLLER[0], 4e-3)
-        if maker is ABB
-        else MotionStream(CONTROLLER[0], 8e-3, 0.16)
-    )
+    fresh = stream_to(maker)
     assert fresh.answer(controller.packet(), CONTROLLER) is None
     assert "emergency stop" in str(fresh.ignored)
 
@@ -225,11 +244,7 @@ def test_numbers_begin_again_after_the_last(maker: Maker) -> None:
 def test_an_abb_is_answered_once_egm_runs_and_a_fanuc_once_it_takes_commands() -> None:
     for maker in (ABB, FANUC):
         pair = Pair(maker)
-        fresh: CyclicStream[Any] = (
-            GuidanceStream(CONTROLLER[0], 4e-3)
-            if maker is ABB
-            else MotionStream(CONTROLLER[0], 8e-3, 0.16)
-        )
+        fresh = stream_to(maker)
         if maker is FANUC:
             assert fresh.answer(pair.controller.packet(), CONTROLLER) is None
             assert fresh.answer(CAPABLE, CONTROLLER) is None
@@ -272,7 +287,7 @@ def test_what_is_sent_is_what_the_other_side_reads(q: Array, number: int, last: 
 @makers
 @given(angles, st.integers(0, 2**31))
 def test_what_the_controller_sends_is_what_is_read(maker: Maker, q: Array, number: int) -> None:
-    kinematics = KINEMATICS[maker.name]
+    kinematics = maker.kinematics
     controller = CONTROLLERS[maker.name](
         kinematics, q, cycle_ms=8, patience=9, report_line=lambda line: None
     )

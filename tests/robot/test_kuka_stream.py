@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from kuka_cell import HOME, KINEMATICS
+from maker_cell import KUKA
 
 from tjscan.core import errors
 from tjscan.core.frames import Array
@@ -17,8 +17,9 @@ from tjscan.robot.cyclic.stream import SHORTEST_PAUSE, PacketRefused
 from tjscan.robot.kuka.packets import parse_packet
 from tjscan.robot.kuka.stream import CorrectionStream
 from tjscan.robot.path import MotionLimits, PathPlanner
-from tjscan_loopback.kuka.controller import LoopbackController, parse_answer
+from tjscan_loopback.kuka.controller import RsiController, parse_answer
 
+HOME, KINEMATICS = KUKA.home, KUKA.kinematics
 CONTROLLER = ("10.0.0.5", 40001)
 CYCLE = 4e-3
 GOAL = HOME + np.radians([6.0, -3.0, 5.0, 2.0, -4.0, 8.0])
@@ -34,7 +35,7 @@ class Pair:
 
     def __init__(self, *, patience: int = 10_000) -> None:
         self.said: list[str] = []
-        self.controller = LoopbackController(
+        self.controller = RsiController(
             KINEMATICS, HOME, cycle_ms=4, patience=patience, report_line=self.said.append
         )
         self.stream = CorrectionStream(CONTROLLER[0], "tjscan", CYCLE)
@@ -47,7 +48,7 @@ class Pair:
             data = self.stream.answer(self.controller.packet(), CONTROLLER)
         answer = None if data is None else parse_answer(data)
         if answer is not None:
-            assert answer.ipoc == self.controller.ipoc
+            assert answer.stamp == self.controller.stamp
         self.controller.end_cycle(None if answer_lost else answer)
         return self.controller.commanded
 
@@ -106,7 +107,7 @@ def test_a_program_that_is_started_again_is_not_answered() -> None:
     pair.begin()
     while pair.stream.moving:
         pair.cycle()
-    ipoc = pair.controller.ipoc
+    ipoc = pair.controller.stamp
     later = pair.controller.packet().replace(str(ipoc).encode(), str(ipoc + 300).encode())
     assert pair.stream.answer(later, CONTROLLER) is None
     assert isinstance(pair.stream.fault, errors.ArmConnectionLost)
@@ -168,7 +169,7 @@ def test_leaving_it_comes_to_rest_and_ends_the_motion() -> None:
     ],
 )
 def test_rsi_that_ran_already_is_not_answered(change: object, word: str) -> None:
-    controller = LoopbackController(
+    controller = RsiController(
         KINEMATICS, HOME, cycle_ms=4, patience=9, report_line=lambda line: None
     )
     stream = CorrectionStream(CONTROLLER[0], "tjscan", CYCLE)

@@ -1,38 +1,43 @@
-"""ABB's and FANUC's drivers, through their process and UDP, against the loopback controllers."""
+"""Drivers of three makers, through their process and UDP, against the loopback controllers."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from _maker_jobs import ABB as BEFORE_ABB
-from _maker_jobs import FANUC as BEFORE_FANUC
-from _maker_jobs import JOB
-from cells import FAULTLESS, scan_example
+from cells import EXAMPLES, FAULTLESS, scan_example
 from command import tjscan
-from kuka_cell import stream_processes
-from maker_cell import ABB, FANUC, Maker, MakerCell
+from maker_cell import (
+    ABB,
+    ARRIVAL,
+    FANUC,
+    KUKA,
+    Maker,
+    MakerCell,
+    assert_is_at,
+    assert_was_never_too_fast,
+    stream_processes,
+)
 from pydantic import TypeAdapter, ValidationError
 from ur_cell import address
 
 from tjscan.core import errors
-from tjscan.core.frames import Array, pose, rotation_angle_between
+from tjscan.core.frames import Array, pose
 from tjscan.robot.cyclic.arm import CyclicArm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
 
-ARRIVAL = 1e-5
-"""Metres between a goal and the arm: float32 of a FANUC's packets is less."""
-
 SILENCE = 5.0
 """Seconds after which a controller is silent: a busy machine is, for less."""
 
-ROUNDING = 1e-4
+MAKERS = pytest.mark.parametrize("maker", [ABB, FANUC, KUKA], ids=lambda maker: maker.name)
 
 
-@pytest.fixture(scope="module", params=[ABB, FANUC], ids=lambda maker: maker.name)
+@pytest.fixture(scope="module", params=[ABB, FANUC, KUKA], ids=lambda maker: maker.name)
 def running(request: pytest.FixtureRequest) -> Iterator[MakerCell]:
     """A controller that stays for all tests of this module."""
     with MakerCell(request.param) as cell:
@@ -48,18 +53,6 @@ def cell(running: MakerCell) -> Iterator[MakerCell]:
     assert stream_processes() == []
 
 
-def assert_is_at(cell: MakerCell, T_b_f: Array) -> None:
-    there = cell.maker.kinematics.forward(cell.true_q())
-    np.testing.assert_allclose(there[:3, 3], T_b_f[:3, 3], rtol=0, atol=ARRIVAL)
-    assert rotation_angle_between(there, T_b_f) < np.radians(1e-3)
-
-
-def assert_was_never_too_fast(cell: MakerCell) -> None:
-    truth = cell.ask_for_truth()
-    assert truth["fastest"] <= cell.limits.joint_speed * (1 + ROUNDING)
-    assert truth["misread"] == 0
-
-
 def test_moves_arrive_where_they_were_told_to(cell: MakerCell) -> None:
     beside = cell.maker.beside_home
     with cell.arm() as arm:
@@ -73,6 +66,7 @@ def test_moves_arrive_where_they_were_told_to(cell: MakerCell) -> None:
             reached = move(T_b_f)
             assert_is_at(cell, T_b_f)
             np.testing.assert_allclose(reached.T_b_f[:3, 3], T_b_f[:3, 3], rtol=0, atol=ARRIVAL)
+            np.testing.assert_array_equal(cell.maker.kinematics.forward(reached.q), reached.T_b_f)
             assert reached.time > before.time
             before = reached
     cell.wait_for_line("ended")
@@ -113,6 +107,8 @@ def test_an_answer_that_is_lost_or_late_is_made_up_for(cell: MakerCell, fault: s
         arm.move_joint_to_pose(goal)
         cell.wait_for_line(f"fault {fault}")
         assert_is_at(cell, goal)
+    if cell.maker is KUKA:  # which reports what it took
+        assert_was_never_too_fast(cell)
 
 
 LOST = errors.ArmConnectionLost
@@ -126,7 +122,7 @@ ENDS: dict[str, dict[str, tuple[type[errors.ArmFault], str]]] = {
         "frozen-seqno": (errors.ArmNotResponding, "repeated seqno"),
         "stop": (errors.ArmNotResponding, "nothing new came"),
         "stand": (errors.ProtectiveStop, "motors of the arm are off"),
-        "stop-program": (errors.ProgramStopped, "RAPID program"),
+        "stop-program": (errors.ProgramStopped, "EGM program .* is stopped"),
     },
     "fanuc": {
         "lose-answers": (LOST, "answers did not reach"),
@@ -137,10 +133,21 @@ ENDS: dict[str, dict[str, tuple[type[errors.ArmFault], str]]] = {
         "frozen-number": (errors.ArmNotResponding, "repeated number"),
         "stop": (errors.ArmNotResponding, "nothing new came"),
         "stand": (errors.EmergencyStop, "emergency stop"),
-        "stop-program": (errors.ProgramStopped, "program .* is stopped"),
+        "stop-program": (errors.ProgramStopped, "stream motion program .* is stopped"),
+    },
+    "kuka": {
+        "lose-answers": (LOST, "answers did not reach"),
+        "lose-packets": (LOST, "IPOC .* jumped"),
+        "wrong-ipoc": (LOST, "IPOC .* jumped"),
+        "wrong-type": (LOST, "Type 'KAKU'"),
+        "malformed": (LOST, "no XML"),
+        "frozen-ipoc": (errors.ArmNotResponding, "repeated IPOC"),
+        "stop": (errors.ArmNotResponding, "nothing new came"),
+        "stand": (errors.ProtectiveStop, "the arm stands"),
+        "stop-program": (errors.ProgramStopped, "interpreter's state is 4"),
     },
 }
-SILENCING = ("lose-answers", "frozen-seqno", "frozen-number", "stop")
+SILENCING = ("lose-answers", "frozen-seqno", "frozen-number", "frozen-ipoc", "stop")
 
 
 @pytest.mark.parametrize("number", range(9))
@@ -153,6 +160,8 @@ def test_each_fault_in_a_move_ends_it_by_name_and_holds(cell: MakerCell, number:
             arm.move_joint_to_pose(goal)
         with pytest.raises(error, match=words):
             arm.move_joint_to_pose(cell.maker.beside_home())
+        with pytest.raises(error, match=words):
+            arm.state()
     rests = cell.true_q()
     assert np.linalg.norm(cell.maker.kinematics.forward(rests)[:3, 3] - goal[:3, 3]) > 0.05
     assert_was_never_too_fast(cell)
@@ -172,6 +181,10 @@ def test_a_stop_from_another_thread_ends_the_move(cell: MakerCell) -> None:
         with pytest.raises(errors.ArmFault, match="stopped on its way"):
             arm.move_joint_to_pose(cell.maker.beside_home(0.0, 0.2))
         stopper.join()
+        here = cell.true_q()
+        with pytest.raises(errors.ArmFault, match="was stopped"):
+            arm.move_joint_to_pose(cell.maker.beside_home())
+        np.testing.assert_array_equal(cell.true_q(), here)
         arm.accept_moves_again()
         arm.move_joint_to_pose(cell.maker.beside_home())
         assert_is_at(cell, cell.maker.beside_home())
@@ -181,7 +194,7 @@ def test_a_stop_from_another_thread_ends_the_move(cell: MakerCell) -> None:
 def test_another_arm_than_the_job_says_is_refused(cell: MakerCell) -> None:
     with (
         pytest.raises(errors.ConfigurationError, match="name the right arm"),
-        cell.maker.arm(Kinematics.load("kr5_arc"), cell.settings()),
+        CyclicArm(Kinematics.load("ur10e"), cell.settings()),
     ):
         pass
 
@@ -196,8 +209,12 @@ class OtherWayArm(CyclicArm):
 
 
 def test_a_joint_that_turns_the_other_way_from_0_is_found_after_the_first_move() -> None:
-    home = ABB.beside_home()
-    with MakerCell(ABB) as cell, OtherWayArm(ABB.kinematics, cell.settings()) as arm:
+    straight = ("0", "0", "0", "0", "60", "0")
+    home = ABB.kinematics.forward(np.radians([float(angle) for angle in straight]))
+    with (
+        MakerCell(ABB, "--fast", "--home-deg", *straight) as cell,
+        OtherWayArm(ABB.kinematics, cell.settings()) as arm,
+    ):
         for T_b_f in (pose(p=(0.0, 0.05, 0.0)) @ home, home):
             with pytest.raises(errors.ArmFault, match="a joint may turn the other way"):
                 arm.move_joint_to_pose(T_b_f)
@@ -210,26 +227,47 @@ def test_a_second_program_is_refused_and_disturbs_nothing(cell: MakerCell) -> No
             pass
         arm.move_joint_to_pose(cell.maker.beside_home(0.0, 0.05))
         assert_is_at(cell, cell.maker.beside_home(0.0, 0.05))
+    with pytest.raises(errors.ArmFault, match="not connected"):
+        cell.arm().state()
 
 
-@pytest.mark.parametrize("maker", [ABB, FANUC], ids=lambda maker: maker.name)
+@MAKERS
 def test_no_controller_is_told(maker: Maker) -> None:
     silent = maker.settings(address(), bind=address(), connect_limit=1.0)
     with (
         pytest.raises(errors.ArmNotConnected, match="no packet came"),
-        maker.arm(maker.kinematics, silent),
+        CyclicArm(maker.kinematics, silent),
     ):
         pass
 
 
-@pytest.mark.parametrize("maker", [ABB, FANUC], ids=lambda maker: maker.name)
+@MAKERS
 def test_a_slower_controller_than_the_job_says_is_refused(maker: Maker) -> None:
     with (
-        MakerCell(maker, "--fast", "--cycle-ms", "16") as cell,
+        MakerCell(maker, "--fast", "--cycle-ms", "12") as cell,
         pytest.raises(errors.ArmFault, match="where cycle_ms = "),
         cell.arm() as arm,
     ):
         arm.move_joint_to_pose(maker.beside_home(0.0, 0.2))
+
+
+def test_a_controller_without_a_terminal_is_moved_too() -> None:
+    """As ``tjscan abb-loopback &`` of a script has no stdin."""
+    cell = MakerCell(ABB)
+    options = ("--fast", "--host", cell.host, "--computer", f"{cell.bind}:{ABB.port}")
+    program = [sys.executable, "-c", "from tjscan.cli import main; main()", "abb-loopback"]
+    with subprocess.Popen(
+        [*program, *options], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True
+    ) as controller:
+        assert controller.stdout is not None
+        assert controller.stdout.readline().startswith("ready")
+        try:
+            with cell.arm(silence=SILENCE) as arm:
+                goal = ABB.beside_home(0.05)
+                reached = arm.move_joint_to_pose(goal)
+        finally:
+            controller.kill()
+    np.testing.assert_allclose(reached.T_b_f[:3, 3], goal[:3, 3], rtol=0, atol=ARRIVAL)
 
 
 def test_j3_from_the_horizontal_is_found_by_the_pose() -> None:
@@ -257,21 +295,20 @@ def test_an_unsmoothed_path_is_refused_for_its_jerk_by_the_controller() -> None:
         assert "jerk" in cell.wait_for_line("stopped")
 
 
-@pytest.mark.parametrize("maker", [ABB, FANUC], ids=lambda maker: maker.name)
+@MAKERS
 def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(maker: Maker) -> None:
-    before = {"abb": BEFORE_ABB, "fanuc": BEFORE_FANUC}[maker.name]
-    short = FAULTLESS | before.job_keys()
-    with MakerCell(maker, *before.options) as cell:
-        table: dict[str, object] = {"host": cell.host, "bind": cell.bind, "silence_s": 30.0}
-        table["cycle_ms"] = float(before.cycle_ms)
+    """The maker's example, before its loopback controller as it stands."""
+    short, job = FAULTLESS | {"scan.step_mm": 80.0}, EXAMPLES / f"{maker.model}.toml"
+    with MakerCell(maker, "--fast", "--cycle-ms", "12") as cell:
+        table = {"host": cell.host, "bind": cell.bind, "cycle_ms": 12.0, "silence_s": 30.0}
         driven = scan_example(
-            short | {"arm.driver": maker.name, f"arm.{maker.name}": table}, file=JOB
+            short | {"arm.driver": maker.name, f"arm.{maker.name}": table}, file=job
         )
         assert_was_never_too_fast(cell)
-    simulated = scan_example(short, file=JOB)
-    assert len(driven.sections) == len(simulated.sections) >= 6
+    simulated = scan_example(short, file=job)
+    assert len(driven.sections) == len(simulated.sections) >= 8
     for one, other in zip(driven.sections, simulated.sections, strict=True):
-        np.testing.assert_allclose(one.points_b, other.points_b, rtol=0, atol=2e-5)  # 0.02 mm
+        np.testing.assert_allclose(one.points_b, other.points_b, rtol=0, atol=1e-5)  # 0.01 mm
 
 
 @pytest.mark.parametrize(

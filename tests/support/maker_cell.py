@@ -1,55 +1,68 @@
-"""Loopback controllers of ABB and FANUC for tests, each with addresses of its own."""
+"""Loopback controllers of ABB, FANUC and KUKA for tests, each with addresses of its own."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from ur_cell import address
 
-from tjscan.core.frames import Array, pose
+from tjscan.core.frames import Array, pose, rotation_angle_between
 from tjscan.robot.abb.settings import AbbSettings
 from tjscan.robot.cyclic.arm import CyclicArm
 from tjscan.robot.cyclic.settings import CyclicSettings
-from tjscan.robot.fanuc.arm import FanucArm
 from tjscan.robot.fanuc.settings import FanucSettings
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.kuka.settings import KukaSettings
 from tjscan.robot.path import MotionLimits
-from tjscan_loopback.process import CyclicLoopbackProcess
+from tjscan_loopback.process import ArmLoopbackProcess
+
+ARRIVAL = 1e-5
+"""Metres between a goal and the arm: float32 of a FANUC's packets is less."""
+
+ROUNDING = 1e-4
+"""Share of a joint's speed that the digits of a packet are."""
 
 
 @dataclass(frozen=True)
 class Maker:
-    """An arm's maker: its driver, the model of one arm, and where the loopback has it at first."""
+    """An arm's maker: its driver, the model of one arm, and where a loopback has it at first."""
 
     name: str
     model: str
     home_deg: tuple[float, ...]
-    arm: type[CyclicArm]
     settings: type[CyclicSettings]
     stamp: str
 
-    @property
+    @cached_property
     def kinematics(self) -> Kinematics:
         """Of the model."""
         return Kinematics.load(self.model)
 
     @property
     def home(self) -> Array:
-        """Where the loopback controller starts, radians."""
+        """Where a loopback controller starts, radians."""
         return np.radians(self.home_deg)
 
     def beside_home(self, x: float = 0.0, z: float = 0.0) -> Array:
         """Flange pose some metres beside where the controller starts."""
         return pose(p=(x, 0.0, z)) @ self.kinematics.forward(self.home)
 
+    @property
+    def port(self) -> int:
+        """The UDP port on which its driver listens."""
+        return self.settings("127.0.0.1").port
 
-ABB = Maker("abb", "irb1600_10_145", (0, 0, 0, 0, 60, 0), CyclicArm, AbbSettings, "seqno")
-FANUC = Maker("fanuc", "m10ia", (0, 20, 0, 0, -60, 0), FanucArm, FanucSettings, "number")
+
+ABB = Maker("abb", "irb1600_10_145", (91, 46, -6, -62, 85, -57), AbbSettings, "seqno")
+FANUC = Maker("fanuc", "m10ia", (93, 22, -9, -119, 90, 65), FanucSettings, "number")
+KUKA = Maker("kuka", "kr5_arc", (-90, -60, 65, 60, 95, 75), KukaSettings, "IPOC")
 
 
-class MakerCell(CyclicLoopbackProcess):
+class MakerCell(ArmLoopbackProcess):
     """A loopback controller with an address of its own, and drivers for it.
 
     Parameters
@@ -64,7 +77,7 @@ class MakerCell(CyclicLoopbackProcess):
 
     def __init__(self, maker: Maker, *options: str) -> None:
         self.maker, self.bind = maker, address()
-        sends = ("--computer", f"{self.bind}:6510") if maker is ABB else ()
+        sends = () if maker is FANUC else ("--computer", f"{self.bind}:{maker.port}")
         command = f"{maker.name}-loopback"
         super().__init__(command, address(), *sends, *(options or ("--fast",)))
 
@@ -77,8 +90,31 @@ class MakerCell(CyclicLoopbackProcess):
     ) -> CyclicArm:
         """The driver, not yet connected."""
         settings = self.settings(silence=silence, **changes)
-        return self.maker.arm(self.maker.kinematics, settings, limits)
+        return CyclicArm(self.maker.kinematics, settings, limits)
 
     def true_q(self) -> Array:
         """Joint angles of the simulated arm, radians."""
         return np.asarray(np.radians(self.ask_for_truth()["q_deg"]))
+
+
+def stream_processes() -> list[int]:
+    """Processes that answer controllers for this process."""
+    found = []
+    for thread in Path("/proc/self/task").iterdir():
+        for pid in (thread / "children").read_text(encoding="ascii").split():
+            words = Path(f"/proc/{pid}/cmdline")
+            if words.exists() and b"tjscan.robot.cyclic.client" in words.read_bytes():
+                found.append(int(pid))
+    return found
+
+
+def assert_is_at(cell: MakerCell, T_b_f: Array) -> None:
+    there = cell.maker.kinematics.forward(cell.true_q())
+    np.testing.assert_allclose(there[:3, 3], T_b_f[:3, 3], rtol=0, atol=ARRIVAL)
+    assert rotation_angle_between(there, T_b_f) < np.radians(1e-3)
+
+
+def assert_was_never_too_fast(cell: MakerCell) -> None:
+    truth = cell.ask_for_truth()
+    assert truth["fastest"] <= cell.limits.joint_speed * (1 + ROUNDING)
+    assert truth["misread"] == 0

@@ -302,32 +302,16 @@ def _plausible_units(positions: Iterable[Array]) -> dict[str, float]:
     return {u: m for u, m in METRES_PER_UNIT.items() if nearest < m * away < farthest}
 
 
-def read_points_in_base_frame(file: Path) -> Array:
-    """Read points in frame b, shape (n, 3), metres, from CSV columns ``x_mm, y_mm, z_mm``.
-
-    Raises
-    ------
-    ConfigurationError
-        As `read_flange_poses` does.
-    """
-    with explain_unreadable_table(file):
-        names, table = _read_table(file)
-        columns = _find_position_columns(names)
-        try:
-            return np.array([_values_of_row(table, row, columns) for _, row in table.rows])
-        except ValueError as error:
-            raise ValueError(f"is no table of numbers: {error}") from None
-
-
-def read_points_at_joint_angles(file: Path, joints: int) -> tuple[Array, Array]:
+def read_points(file: Path, joints: int = 0) -> tuple[Array, Array]:
     """Read points, shape (n, 3), metres, and the joint angles at each, shape (n, joints), radians.
 
     Parameters
     ----------
     file : Path
-        CSV with columns ``x_mm, y_mm, z_mm`` (or m, um) and ``q1_deg``, ``q2_deg`` (or rad) on.
-    joints : int
-        Of the arm.
+        CSV with columns ``x_mm, y_mm, z_mm`` (or m, um) and, of `joints`, ``q1_deg``, ``q2_deg``
+        (or rad) and so on.
+    joints : int, optional
+        Of the arm, if the points were measured on it.
 
     Raises
     ------
@@ -336,15 +320,20 @@ def read_points_at_joint_angles(file: Path, joints: int) -> tuple[Array, Array]:
     """
     with explain_unreadable_table(file):
         names, table = _read_table(file)
-        position, angles = _find_position_columns(names), _find_joint_columns(names)
+        position = _find_position_columns(names)
+        angles = _find_joint_columns(names) if joints else []
         if len(angles) != joints:
             raise ValueError(
                 f"the arm has {joints} joints, and the points have {len(angles)} joint angles "
                 "beside them: columns q1_deg, q2_deg and so on"
             )
-        both = [_values_of_row(table, row, [*position, *angles]) for _, row in table.rows]
-        points, q = np.split(np.array(both), [3], axis=1)
-        return points, q
+        try:
+            both = np.array(
+                [_values_of_row(table, row, position + angles) for _, row in table.rows]
+            )
+        except ValueError as error:
+            raise ValueError(f"is no table of numbers: {error}") from None
+        return both[:, :3], both[:, 3:]
 
 
 def pair_profiles_with_poses(

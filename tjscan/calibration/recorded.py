@@ -183,7 +183,7 @@ def _see_recorded_sets(
             names = (shot.name for shot in shots)
             readings[f"{words} in {table.poses}"] = dict(zip(names, poses, strict=True))
         flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
-        touched = table.touched and pose_files.read_points_in_base_frame(folder / table.touched)
+        touched = table.touched and pose_files.read_points(folder / table.touched)[0]
         stated = TargetStatement(flange_b, table.radius, touched, table.plane)
         sets.append((table.target, shots, TARGET_KINDS[table.target].target(stated, noise)))
     shots = [shot for _, profiles, _ in sets for shot in profiles]
@@ -312,7 +312,7 @@ def see_target(
 
 def _points_on_arm(file: Path, kinematics: Kinematics, noise: NoiseModel) -> TargetInPostures:
     """Points of a file, with the flange poses that the arm's model has at their joint angles."""
-    points, q = pose_files.read_points_at_joint_angles(file, len(kinematics.lower))
+    points, q = pose_files.read_points(file, len(kinematics.lower))
     T_b_f = np.array([kinematics.forward(angles) for angles in q])
     model, start = start_of_points(points, T_b_f, noise)
     return TargetInPostures(model, q, T_b_f, start)

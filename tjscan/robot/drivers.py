@@ -128,12 +128,6 @@ def _make_cyclic_arm(inputs: ArmDriverInputs, settings: CyclicSettings) -> Arm:
     return CyclicArm(inputs.kinematics, settings, inputs.limits)
 
 
-def _make_fanuc_arm(inputs: ArmDriverInputs, settings: FanucSettings) -> Arm:
-    from tjscan.robot.fanuc.arm import FanucArm
-
-    return FanucArm(inputs.kinematics, settings, inputs.limits)
-
-
 ARM_DRIVERS: Final = DriverRegistry(
     "arm",
     {
@@ -146,7 +140,7 @@ ARM_DRIVERS: Final = DriverRegistry(
         "replay": ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED),
         "ur": ArmDriverFactory(_make_ur_arm, UrSettings, extra="ur", client="rtde_control"),
         "abb": ArmDriverFactory(_make_cyclic_arm, AbbSettings),
-        "fanuc": ArmDriverFactory(_make_fanuc_arm, FanucSettings),
+        "fanuc": ArmDriverFactory(_make_cyclic_arm, FanucSettings),
         "kuka": ArmDriverFactory(_make_cyclic_arm, KukaSettings),
     },
     key="arm.driver",

@@ -6,7 +6,6 @@ import json
 import socket
 import sys
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -20,6 +19,7 @@ from tjscan.core.signals import survive_background_terminal_read
 from tjscan.robot.kinematics import Kinematics
 from tjscan_loopback.cyclic.controller import Answer, CyclicController
 from tjscan_loopback.cyclic.faults import FAULT_COMES, InjectedFault
+from tjscan_loopback.cyclic.options import CyclicOptions
 from tjscan_loopback.faults import ScheduledFault, parse_scheduled_fault
 from tjscan_loopback.process import (
     TRUTH_COMMAND,
@@ -65,44 +65,44 @@ class LoopbackServer:
     ----------
     controller : CyclicController
         The controller.
-    host : str
-        Its address.
+    options : CyclicOptions
+        Of its command. If its clock does not run with the wall's, it waits for each answer, however
+        long that takes, and while the arm is moved a cycle ends with it.
     computer : tuple of str and int
         Address and port to which it sends.
-    realtime : bool
-        Whether its clock runs with the wall's. If not, it waits for each answer, however long that
-        takes, and while the arm is moved a cycle ends with it.
     """
 
     stamp_word: ClassVar[str] = "stamp"
     """What faults call the stamp of a packet."""
 
+    port: ClassVar[int] = 0
+    """From which it sends; 0 is another for each start of the program."""
+
     def __init__(
         self,
         controller: CyclicController,
-        host: str,
+        options: CyclicOptions,
         computer: tuple[str, int],
-        *,
-        realtime: bool,
     ) -> None:
-        check_is_loopback_address(host)
-        self._controller, self._host, self._computer = controller, host, computer
-        self._realtime = realtime
+        check_is_loopback_address(options.host)
+        self._controller, self._host, self._computer = controller, options.host, computer
+        self._realtime, self._attached = options.realtime, options.attached
         self._lines: SimpleQueue[str | None] = SimpleQueue()
         self._orders: list[ScheduledFault[InjectedFault]] = []
         self._faults: set[InjectedFault] = set()
         self._lost, self._before, self._program = 0, b"", 0
         self._fault_cycle = 0
         self._link: socket.socket | None = None
+        self._begun = False
         self._due = time.monotonic()
         self._ended = False
 
-    def run(self, *, attached: bool) -> None:
+    def run(self) -> None:
         """Send packets until interrupted, or until stdin ends if it is attached to that."""
         survive_background_terminal_read()
         Thread(target=self._listen, daemon=True).start()
         print_line(f"ready {self._host} {self._computer[0]}:{self._computer[1]}")
-        while not (attached and self._ended):
+        while not self._ended:
             link = self._link_of_program() if self._controller.runs else None
             if link is not None:
                 self._cycle(link)
@@ -110,15 +110,20 @@ class LoopbackServer:
             self._obey_lines(0.0 if busy else LOOK_INTERVAL)
 
     def _link_of_program(self) -> socket.socket | None:
-        """A socket for each start of the program, on another port each time; None if not yet."""
+        """A socket for each start of the program; None if that is not to send yet."""
         if self._link is None or self._program != self._controller.program:
             if self._link is not None:
                 self._link.close()
             self._link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            self._link.bind((self._host, 0))
-            self._link.connect(self._computer)
-            self._program = self._controller.program
-        return self._link
+            self._link.bind((self._host, self.port))
+            self._program, self._begun = self._controller.program, False
+        self._begun = self._begun or self._find_computer(self._link)
+        return self._link if self._begun else None
+
+    def _find_computer(self, link: socket.socket) -> bool:
+        """Connect the socket to where it is to send; False if that is not known yet."""
+        link.connect(self._computer)
+        return True
 
     def _cycle(self, link: socket.socket) -> None:
         controller, period = self._controller, 1e-3 * self._controller.cycle_ms
@@ -228,7 +233,7 @@ class LoopbackServer:
             while True:
                 line = self._lines.get(timeout=patience) if patience else self._lines.get_nowait()
                 if line is None:
-                    self._ended = True
+                    self._ended = self._attached
                     return
                 self._obey(line.strip())
 
@@ -265,14 +270,7 @@ class LoopbackServer:
         self._lines.put(None)
 
 
-def load_controller(
-    kind: type[C],
-    model: str,
-    home_deg: Sequence[float],
-    *,
-    cycle_ms: int,
-    patience: int,
-) -> C:
+def load_controller(kind: type[C], options: CyclicOptions, *, patience: int) -> C:
     """Controller of an arm, where it starts; `patience` as it has it.
 
     Raises
@@ -281,6 +279,7 @@ def load_controller(
         If the arm or the joint angles can't be.
     """
     with add_file_to_errors(key="model"):
-        kinematics = Kinematics.load(model)
-    q = start_posture(kinematics, home_deg)
+        kinematics = Kinematics.load(options.model)
+    q = start_posture(kinematics, options.home_deg)
+    cycle_ms = options.cycle_ms
     return kind(kinematics, q, cycle_ms=cycle_ms, patience=patience, report_line=print_line)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Sequence
 from contextlib import suppress
-from typing import Final
 
-from tjscan.core.errors import ConfigurationError
 from tjscan_loopback.cyclic.controller import Answer
+from tjscan_loopback.cyclic.options import FanucOptions
 from tjscan_loopback.cyclic.serve import (
     LARGEST_ANSWER,
     LOOK_INTERVAL,
@@ -24,33 +22,24 @@ from tjscan_loopback.fanuc.controller import (
 )
 
 START_TYPE, STOP_TYPE = 200, 2
-STREAM_PORT: Final = 60015
 
 
 class StreamServer(LoopbackServer):
     """The controller's side of Stream Motion: it sends to who sends it a start packet."""
 
-    stamp_word = "number"
+    stamp_word, port = "number", 60015
     _controller: StreamController
-    _begun = False
 
-    def _link_of_program(self) -> socket.socket | None:
-        if self._link is None or self._program != self._controller.program:
-            if self._link is not None:
-                self._link.close()
-            self._link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            self._link.bind((self._host, STREAM_PORT))
-            self._program, self._begun = self._controller.program, False
-        link = self._link
+    def _find_computer(self, link: socket.socket) -> bool:
         link.settimeout(LOOK_INTERVAL)
         with suppress(TimeoutError):
-            while not self._begun:
+            while True:
                 data, peer = link.recvfrom(LARGEST_ANSWER)
                 self._answer_capability(link, data, peer)
                 if data[:4] == struct.pack(">I", START_TYPE):
                     link.connect(peer)
-                    self._begun = True
-        return link if self._begun else None
+                    return True
+        return False
 
     def _receive(self, link: socket.socket) -> Answer | None:
         controller = self._controller
@@ -77,30 +66,14 @@ class StreamServer(LoopbackServer):
         return struct.pack(">I", STATUS_TYPE + 1) + packet[4:]
 
 
-def run_loopback_controller(
-    model: str,
-    host: str,
-    *,
-    cycle_ms: int,
-    patience: int,
-    j3_from_horizontal: bool,
-    home_deg: Sequence[float],
-    realtime: bool,
-    attached: bool,
-) -> None:
+def run_loopback_controller(options: FanucOptions) -> None:
     """Run the loopback controller; until interrupted, or an attached stdin ends.
 
     Raises
     ------
     ConfigurationError
-        If the arm, an address, the cycle or the joint angles can't be.
+        If the arm, an address or the joint angles can't be.
     """
-    if not 2 <= cycle_ms <= 32:
-        raise ConfigurationError(f"it is 2 to 32 (found {cycle_ms})", key="cycle_ms")
-    if patience < 0:
-        raise ConfigurationError(f"it is 0 or more (found {patience})", key="patience")
-    controller = load_controller(
-        StreamController, model, home_deg, cycle_ms=cycle_ms, patience=patience
-    )
-    controller.j3_from_horizontal = j3_from_horizontal
-    StreamServer(controller, host, (host, STREAM_PORT), realtime=realtime).run(attached=attached)
+    controller = load_controller(StreamController, options, patience=options.patience)
+    controller.j3_from_horizontal = options.j3_from_horizontal
+    StreamServer(controller, options, (options.host, StreamServer.port)).run()

@@ -25,17 +25,8 @@ INTERPRETER_STATES: Final = {True: 3, False: 4}
 """Of a program that runs, and of one that is stopped."""
 
 
-class RsiAnswer(Answer):
-    """An answer whose stamp is an IPOC, and whose joint angles are corrections."""
-
-    @property
-    def ipoc(self) -> int:
-        """The time stamp that it repeats."""
-        return self.stamp
-
-
-def parse_answer(data: bytes) -> RsiAnswer | None:
-    """Parse an answer; None if it is none that this controller takes."""
+def parse_answer(data: bytes) -> Answer | None:
+    """Parse an answer, whose joint angles are corrections; None if this controller refuses it."""
     try:
         root = ElementTree.fromstring(data)
         axes = next(root.iter("AK"))
@@ -45,10 +36,10 @@ def parse_answer(data: bytes) -> RsiAnswer | None:
         return None
     if (root.tag, root.get("Type")) != ("Sen", SEN_TYPE) or not np.isfinite(correction).all():
         return None
-    return RsiAnswer(ipoc, correction, stop)
+    return Answer(ipoc, correction, stop)
 
 
-class LoopbackController(CyclicController):
+class RsiController(CyclicController):
     """A simulated KUKA controller; `patience` is the parameter Timeout of its object Ethernet."""
 
     @property
@@ -56,15 +47,10 @@ class LoopbackController(CyclicController):
         """By how much the IPOC rises in a cycle, milliseconds."""
         return self.cycle_ms
 
-    @property
-    def ipoc(self) -> int:
-        """Its time stamp, milliseconds."""
-        return self.stamp
-
     def _first_stamp(self) -> int:
         return self.stamp + PAUSE_BETWEEN_PROGRAMS
 
-    def parse(self, data: bytes) -> RsiAnswer | None:
+    def parse(self, data: bytes) -> Answer | None:
         """Parse an answer; None if it is none that this controller takes."""
         return parse_answer(data)
 

@@ -7,16 +7,16 @@ import pytest
 from command import tjscan
 from hypothesis import given
 from hypothesis import strategies as st
-from kuka_cell import HOME, KINEMATICS
+from maker_cell import KUKA
 from ur_cell import address
 
-from tjscan_loopback.kuka.controller import LoopbackController, parse_answer
+from tjscan_loopback.kuka.controller import RsiController, parse_answer
+
+HOME, KINEMATICS = KUKA.home, KUKA.kinematics
 
 
-def controller(said: list[str], *, patience: int = 5) -> LoopbackController:
-    return LoopbackController(
-        KINEMATICS, HOME, cycle_ms=4, patience=patience, report_line=said.append
-    )
+def controller(said: list[str], *, patience: int = 5) -> RsiController:
+    return RsiController(KINEMATICS, HOME, cycle_ms=4, patience=patience, report_line=said.append)
 
 
 def answer(ipoc: int, a1: float = 0.0, sen_type: str = "tjscan") -> bytes:
@@ -30,7 +30,7 @@ def test_it_stops_once_so_many_answers_are_missing_and_counts_none_before_the_fi
     for _ in range(20):
         one.end_cycle(None)
     assert one.runs
-    one.end_cycle(parse_answer(answer(one.ipoc)))
+    one.end_cycle(parse_answer(answer(one.stamp)))
     for late in range(5):
         assert one.runs
         assert f'<Delay D="{late}"'.encode() in one.packet()
@@ -43,9 +43,9 @@ def test_a_correction_faster_than_a_joint_stops_it() -> None:
     said: list[str] = []
     one = controller(said)
     fastest = float(np.degrees(KINEMATICS.velocity[0])) * 4e-3
-    one.end_cycle(parse_answer(answer(one.ipoc, 0.99 * fastest)))
+    one.end_cycle(parse_answer(answer(one.stamp, 0.99 * fastest)))
     assert one.runs
-    one.end_cycle(parse_answer(answer(one.ipoc, 2.01 * fastest)))
+    one.end_cycle(parse_answer(answer(one.stamp, 2.01 * fastest)))
     assert said == ["stopped: A1 is commanded too fast"]
 
 

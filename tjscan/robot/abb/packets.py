@@ -35,10 +35,7 @@ EGM_MESSAGES: Final[dict[str, dict[int, tuple[str, str]]]] = {
 }
 """Fields that are used, by message and number: name and type; an enumeration is an int32 here."""
 
-TYPE_DATA, TYPE_CORRECTION = (
-    2,
-    3,
-)  # EgmHeader.MessageType of what the controller sends, and of an answer
+TYPE_DATA, TYPE_CORRECTION = 2, 3  # mtype of what the controller sends, and of an answer
 
 MOTORS_OFF, MCI_RUNNING, RAPID_STOPPED = 2, 3, 1  # of its states
 

@@ -10,7 +10,7 @@ from tjscan.core import errors
 from tjscan.core.frames import Array
 from tjscan.robot.abb import packets
 from tjscan.robot.abb.packets import EgmPacket
-from tjscan.robot.cyclic.stream import MOST_LOST, CyclicStream
+from tjscan.robot.cyclic.stream import MOST_LOST, PENDANT_ADVICE, CyclicStream
 
 UNHEARD_LIMIT: Final = 0.15
 """Seconds for which an arm stands before EGM ends, if the controller heard nothing: no lag is."""
@@ -41,20 +41,14 @@ class GuidanceStream(CyclicStream[EgmPacket]):
         return None if packet.egm == packets.MCI_RUNNING else "before EGM ran"
 
     def _reported_fault(self, packet: EgmPacket) -> errors.ArmFault | None:
-        advice = "Read its pendant's messages, clear the way, then start again."
         if packet.motors == packets.MOTORS_OFF:
             return errors.ProtectiveStop(
                 "the motors of the arm are off: an emergency or protective stop, or they were "
-                f"switched off. {advice}"
+                f"switched off. {PENDANT_ADVICE}"
             )
-        if packet.rapid == packets.RAPID_STOPPED:
-            return errors.ProgramStopped(
-                f"the RAPID program on the arm's controller is stopped. {advice}"
-            )
-        if packet.egm != packets.MCI_RUNNING:
-            return errors.ProgramStopped(
-                f"EGM has ended on the arm's controller (mciState {packet.egm}). {advice}"
-            )
+        if packet.rapid == packets.RAPID_STOPPED or packet.egm != packets.MCI_RUNNING:
+            states = f" (rapidExecState {packet.rapid}, mciState {packet.egm})"
+            return self._program_stopped_fault(states)
         return None
 
     def _standing_fault(self) -> errors.ArmFault:

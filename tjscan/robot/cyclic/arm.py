@@ -35,6 +35,12 @@ CLIENT_ANSWER_LIMIT: Final = 3.0
 WRONG_ARM_MODEL_DISTANCE: Final = 0.005
 """Metres between the flange as the controller and as the model has it, beyond calibration."""
 
+UNCLEAR_J3_DISTANCE: Final = 4 * WRONG_ARM_MODEL_DISTANCE
+"""Metres between the flanges of both counts of J3, below which the pose does not show which."""
+
+J2_AT_J3: Final = np.outer(np.eye(6)[1], np.eye(6)[2])
+"""Joint angles times this have J2 in the place of J3, and else 0."""
+
 ARRIVAL_SETTLE_TIMEOUT: Final = 1.0
 """Seconds on the controller's clock that the arm may lag behind what was sent."""
 
@@ -54,7 +60,8 @@ def rows_of_cycles(path: JointTrajectory, cycle: float) -> Array:
 class CyclicArm(PlannedArm):
     """An arm whose controller asks for joint angles in every cycle, or a loopback in its place.
 
-    Its poses are computed from its joint angles by the model.
+    Its poses are computed from its joint angles by the model, which counts J3 from the upper arm.
+    The pose that a controller reports shows whether it counts J3 from the horizontal, if it may.
 
     Parameters
     ----------
@@ -78,6 +85,7 @@ class CyclicArm(PlannedArm):
         self._link: ClientProcess | None = None
         self._fault: errors.ArmFault | None = None
         self._noted: set[str] = set()
+        self._j3_from_horizontal = False
 
     def __enter__(self) -> Self:
         """Wait until the controller sends, and hold the arm where it is; nothing moves.
@@ -100,7 +108,9 @@ class CyclicArm(PlannedArm):
         try:
             self._ask_client("connect", self.settings, limit=CLIENT_START_LIMIT)
             self._await_first_packet()
-            self._check_arm_model()
+            if self.settings.j3_count_varies:
+                self._find_j3_count()
+            self._check_flange()
         except BaseException:
             self._disconnect()
             raise
@@ -192,9 +202,18 @@ class CyclicArm(PlannedArm):
                 )
             self._latch.wait_for_stop(STATE_READING_PAUSE)
 
-    def _check_arm_model(self) -> None:
-        """Refuse another arm than the model on connecting."""
-        self._check_flange()
+    def _find_j3_count(self) -> None:
+        state = self._read_state()
+        counts = (state.q, state.q + state.q @ J2_AT_J3)
+        flanges_b = np.array([self.kinematics.forward(q)[:3, 3] for q in counts])
+        if np.linalg.norm(flanges_b[0] - flanges_b[1]) < UNCLEAR_J3_DISTANCE:
+            raise errors.ConfigurationError(
+                "with J2 near 0 the arm does not show whether its controller counts J3 from the "
+                "horizontal or from the upper arm: jog J2 by 5 deg, then start again",
+                key="arm.model",
+            )
+        apart = np.linalg.norm(flanges_b - state.tool_b, axis=1)
+        self._j3_from_horizontal = bool(apart[1] < apart[0])
 
     def _check_flange(self) -> None:
         """Refuse an arm whose controller has its flange elsewhere than the model has it."""
@@ -214,11 +233,11 @@ class CyclicArm(PlannedArm):
 
     def _model_angles(self, q: Array) -> Array:
         """Joint angles of the model from those of the controller, shape (..., 6)."""
-        return q
+        return np.asarray(q + self._j3_from_horizontal * q @ J2_AT_J3)
 
     def _controller_angles(self, q: Array) -> Array:
         """Joint angles of the controller from those of the model, shape (..., 6)."""
-        return q
+        return np.asarray(q - self._j3_from_horizontal * q @ J2_AT_J3)
 
     def _read_state(self) -> StreamState:
         state: StreamState = self._ask_client("read_state")

@@ -39,6 +39,9 @@ class CyclicSettings(ControllerSettings):
     frames_advice: ClassVar[str]
     """How its program makes the controller report the flange in the arm's base."""
 
+    j3_count_varies: ClassVar[bool] = False
+    """Whether some of its controllers count J3 from the horizontal, not from the upper arm."""
+
     bind: Annotated[str, MinLen(1)] = "127.0.0.1"
     port: Annotated[int, Ge(1), Le(65535)] = 59152
     cycle: Annotated[float, Ge(1), Le(100), MILLISECONDS] = 4e-3

@@ -44,6 +44,7 @@ REMEMBERED_ANSWERS: Final = 4096
 """Answers that may prove not to have been taken."""
 
 CABLE_ADVICE: Final = "See that the arm is at rest and its network cable sits, then start again."
+PENDANT_ADVICE: Final = "Read its pendant's messages, clear the way, then start again."
 
 
 class PacketRefused(Exception):
@@ -135,6 +136,9 @@ class CyclicStream(ABC, Generic[P]):
     holds_when_unanswered: ClassVar[bool] = True
     """Whether a controller without an answer holds the arm; else it moves on as it did."""
 
+    standing_causes: ClassVar[str] = ""
+    """Behind a colon, why an arm that is sent on may stand, where that is not reported."""
+
     standing_distance: ClassVar[float] = np.radians(0.5)
     """Radians that a joint is away from where it was sent, if the arm is held."""
 
@@ -172,9 +176,18 @@ class CyclicStream(ABC, Generic[P]):
         """What a packet reports of the controller's own state."""
         return None
 
-    @abstractmethod
     def _standing_fault(self) -> errors.ArmFault:
         """Why an arm that is sent on stands."""
+        return errors.ProtectiveStop(
+            f"the arm stands while it is sent on{self.standing_causes}. {PENDANT_ADVICE}"
+        )
+
+    def _program_stopped_fault(self, states: str = "") -> errors.ArmFault:
+        """The controller's program does not run; `states` quotes what it reports."""
+        return errors.ProgramStopped(
+            f"the {self.session} program on the arm's controller is stopped or has ended{states}. "
+            f"{PENDANT_ADVICE}"
+        )
 
     @property
     def _standing_limit(self) -> float:

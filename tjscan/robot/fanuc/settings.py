@@ -30,6 +30,7 @@ class FanucSettings(CyclicSettings):
 
     session = "stream motion"
     frames_advice = "set its user frame and its tool frame to zero"
+    j3_count_varies = True
 
     port: Annotated[int, Ge(1), Le(65535)] = 60015
     cycle: Annotated[float, Ge(2), Le(32), MILLISECONDS] = 8e-3

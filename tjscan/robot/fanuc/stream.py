@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from tjscan.core import errors
 from tjscan.core.frames import Array
-from tjscan.robot.cyclic.stream import CyclicStream
+from tjscan.robot.cyclic.stream import PENDANT_ADVICE, CyclicStream
 from tjscan.robot.fanuc import packets
 from tjscan.robot.fanuc.packets import StatusPacket
-
-PENDANT_ADVICE = "Read its pendant's messages, clear the way, then start again."
 
 
 class MotionStream(CyclicStream[StatusPacket]):
@@ -95,10 +93,5 @@ class MotionStream(CyclicStream[StatusPacket]):
                 f"the arm's controller has stopped it with an error. {PENDANT_ADVICE}"
             )
         if not packet.status & packets.TAKES_COMMANDS:
-            return errors.ProgramStopped(
-                f"the stream motion program on the arm's controller is stopped. {PENDANT_ADVICE}"
-            )
+            return self._program_stopped_fault()
         return None
-
-    def _standing_fault(self) -> errors.ArmFault:
-        return errors.ProtectiveStop(f"the arm stands while it is sent on. {PENDANT_ADVICE}")

@@ -96,15 +96,9 @@ def format_answer(sen_type: str, correction: Array, ipoc: int, *, stop: bool) ->
     ).encode("ascii")
 
 
-def _element(root: ElementTree.Element, tag: str) -> ElementTree.Element:
-    found = root.find(tag)
-    if found is None:
-        raise PacketRefused(f"it has no <{tag}>")
-    return found
-
-
 def _numbers(root: ElementTree.Element, tag: str, names: tuple[str, ...]) -> Array:
-    element = _element(root, tag)
+    if (element := root.find(tag)) is None:
+        raise PacketRefused(f"it has no <{tag}>")
     try:
         numbers = [float(element.get(name, "")) for name in names]
     except ValueError:

@@ -31,6 +31,10 @@ class CorrectionStream(CyclicStream[RobPacket]):
 
     session, stamp_name = "RSI", "IPOC"
     stamps = 10**packets.LONGEST_TIME_STAMP
+    standing_causes = (
+        ": an emergency or protective stop, its drives are off, or a limit of its RSI context "
+        "holds it"
+    )
 
     def __init__(self, host: str, sen_type: str, cycle: float) -> None:
         super().__init__(host, cycle, period=round(1e3 * cycle))
@@ -55,14 +59,4 @@ class CorrectionStream(CyclicStream[RobPacket]):
     def _reported_fault(self, packet: RobPacket) -> errors.ArmFault | None:
         if packet.program in (None, packets.PROGRAM_ACTIVE):
             return None
-        return errors.ProgramStopped(
-            "the program on the arm's controller is stopped (its interpreter's state is "
-            f"{packet.program}). Read its pendant's messages, then start again."
-        )
-
-    def _standing_fault(self) -> errors.ArmFault:
-        return errors.ProtectiveStop(
-            "the arm stands while it is sent on: an emergency or protective stop, its "
-            "drives are off, or a limit of its RSI context holds it. Read its pendant's "
-            "messages, clear the way, then start again."
-        )
+        return self._program_stopped_fault(f" (its interpreter's state is {packet.program})")
