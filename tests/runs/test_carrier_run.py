@@ -254,10 +254,15 @@ def test_what_begins_near_a_plate_does_not_pass_through_it(tmp_path: Path) -> No
         sweep.check_line(np.array([0.0]), np.array([2.0]))
 
 
-def test_a_boom_does_not_swing_through_a_plate(tmp_path: Path) -> None:
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_boom_does_not_swing_through_a_plate(tmp_path: Path, order: int) -> None:
     data = turn_table()
-    axis = data["carrier"]["axis"][0] | {"point_mm": [0.0, 0.0, 0.0]}
-    data["carrier"] |= {"carries": "arm", "position_mm": [0.0, 0.0, 5000.0], "axis": [axis]}
+    turn = data["carrier"]["axis"][0] | {"point_mm": [0.0, 0.0, 0.0]}
+    lift = {"name": "z", "kind": "linear", "direction": [0.0, 0.0, 1.0], "limits_mm": [0.0, 1.0]}
+    data["carrier"] |= {"carries": "arm", "position_mm": [0.0, 0.0, 5000.0]}
+    data["carrier"]["axis"] = [turn, lift][::order]
+    for station in data["station"]:
+        station["carrier"] = [0.0, 0.0]
     data["carrier"]["euler_zyx_deg"] = [0.0, 0.0, 0.0]
     boxes = (
         ("boom's end", "b", [20.0, 20.0, 20.0], [20000.0, 0.0, 0.0]),
@@ -270,7 +275,7 @@ def test_a_boom_does_not_swing_through_a_plate(tmp_path: Path) -> None:
     job = job_of(tmp_path, data).job.job_at_station("left")
     sweep = CarrierSweep(job, Kinematics.load("ur10e"), np.radians(HOME))
     with pytest.raises(CarrierFault, match=r"boom's end would come within .* of plate"):
-        sweep.check_line(np.array([0.0]), np.array([1.0]))
+        sweep.check_line(np.zeros(2), np.array([1.0, 0.0][::order]))
 
 
 def test_a_look_that_a_reversed_axis_would_lead_into_something_is_not_made(

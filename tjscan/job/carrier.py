@@ -88,13 +88,13 @@ class CarrierSweep:
     def _most_motion(self, start: Array, goal: Array) -> float:
         """Metres that no body moves more than from start to goal."""
         most, T_w_b = 0.0, self._kinematics.T_w_b_zero
-        ways = np.abs(goal - start).tolist()
-        for (axis, value), way in zip(self._kinematics.from_base(start), ways, strict=True):
+        ends = self._kinematics.from_base(goal)
+        for (axis, value), (_, end) in zip(self._kinematics.from_base(start), ends, strict=True):
             away = 1.0
             if axis.point is not None:
                 away = float(np.linalg.norm(T_w_b[:3, 3] - axis.point))
                 away += self._farthest + most
-            most += way * away
+            most += abs(end - value) * away
             T_w_b = axis.motion(value) @ T_w_b
         return most
 

@@ -315,7 +315,10 @@ def test_profiles_that_come_before_states_of_an_arm_that_are_late_are_no_leap() 
     for t in np.arange(0.0, 4.0, 0.005):
         clock.notice_arrival(float(t), float(t) + 0.022 - (0.1 if t % 1.0 < 0.2 else 0.0))
         assert abs(clock.arm_time(float(t)) - (t + 0.02)) < 0.2e-3
-    clock.notice_arrival(8.0, 8.0 + 0.022 - 0.1)  # neither are they after a while without any
+    for t in (4.0, 8.0):  # neither are they before and after a while without any
+        clock.notice_arrival(t, t + 0.022 - 0.1)
+    with pytest.raises(LaserFault, match="leaps"):
+        clock.notice_arrival(13.0, 8.2)
 
 
 def test_profiles_that_arrive_late_do_not_bend_the_clock() -> None:

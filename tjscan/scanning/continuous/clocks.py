@@ -175,7 +175,7 @@ class LaserClock:
         self._variance = ARRIVAL_SIGMA**2 + state_period**2 / 12
         self._arrivals: list[tuple[float, float]] = [(0.0, self._usual)]
         self._block: list[tuple[float, float]] = []
-        self._last, self._early_since = -np.inf, np.inf
+        self._last, self._believed, self._arrived = -np.inf, np.inf, -np.inf
 
     def arm_time(self, stamp: float) -> float:
         """Seconds on the arm's clock."""
@@ -195,8 +195,11 @@ class LaserClock:
         """
         delay = arrival - self.arm_time(stamp)
         late = delay - self._quickest
-        self._early_since = np.inf if late > -EARLIEST_ARRIVAL else min(self._early_since, stamp)
-        early = stamp - self._early_since > LONGEST_EARLY
+        silent = arrival - self._arrived > LONGEST_EARLY
+        if late > -EARLIEST_ARRIVAL or stamp < self._believed or silent:
+            self._believed = stamp
+        self._arrived = arrival
+        early = stamp - self._believed > LONGEST_EARLY
         if stamp < self._last or early or late > LATEST_ARRIVAL:
             raise LaserFault(
                 f"the laser's clock leaps: a profile came {1e3 * late:.0f} ms later than its stamp "
