@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property, wraps
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from inspect import getattr_static, isfunction
 from ipaddress import ip_address
-from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar, cast
 
 from tjscan.core import errors
 from tjscan.core.units import SettingsTable
@@ -172,7 +172,7 @@ class DriverRegistry(Generic[F]):
     type: type[Any] = DriverFactory
 
     @cached_property
-    def _entries(self) -> dict[str, F | EntryPoint]:
+    def _entries(self) -> dict[str, Any]:  # drivers, and entry points of any importlib's
         added = entry_points(group=f"tjscan.{self.device}")
         return {**{point.name: point for point in added}, **self.own}
 
@@ -201,8 +201,8 @@ class DriverRegistry(Generic[F]):
                 f"there is no {self.device} {name!r}; did you mean: "
                 f"{errors.nearest_word(name, self.names)}? Known: {', '.join(self.names)}"
             )
-        if not isinstance(entry, EntryPoint):
-            return entry
+        if isinstance(entry, self.type):
+            return cast("F", entry)
         registered = f"the {self.device} {name!r} is registered as {entry.value}, which"
         try:
             with errors.explain_missing_package(f"the {self.device} {name!r}", None, self.key):
