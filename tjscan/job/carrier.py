@@ -8,12 +8,16 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.carrier.drivers import CarrierDriverInputs
 from tjscan.core.errors import CarrierFault, ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.job.devices import CarrierSettings
 from tjscan.job.files import CellJob
 from tjscan.robot.collision import PlacedBody, bodies_of_arm
 from tjscan.robot.kinematics import Kinematics
+
+AT_STOP_TOLERANCE: Final = 2e-4
+"""Metres and radians by which a carrier that is at its stop may be beside it."""
 
 SWEEP_RESOLUTION, LONGEST_SWEEP_STEP = 2e-3, 0.5
 """Metres that bodies may go between two looks, where they are at their margin and where they are
@@ -28,6 +32,42 @@ def carrier_of_job(job: CellJob) -> CarrierSettings:
     if job.carrier is None:
         raise ConfigurationError("there is no [carrier] table", key="carrier")
     return job.carrier
+
+
+def is_at_stop(values: Array, stop: Array) -> bool:
+    """Whether axes are at the values of a stop, metres and radians, shape (n,)."""
+    return bool(np.abs(values - stop).max() < AT_STOP_TOLERANCE)
+
+
+def check_at_station(job: CellJob, values: Array) -> None:
+    """Check that the values of a carrier's axes are those of a job's one station.
+
+    Raises
+    ------
+    CarrierFault
+        If they are not.
+    """
+    kinematics, stop = carrier_of_job(job).kinematics, job.carrier_values
+    if not is_at_stop(values, stop):
+        raise CarrierFault(
+            f"the carrier is at {kinematics.describe(values)}, and station {job.station[0].name} "
+            f"is at {kinematics.describe(stop)}: bring it there first, by its own controls"
+        )
+
+
+def check_carrier_at_station(job: CellJob) -> None:
+    """Check that the carrier of a job of one station, if it has one, is there; ask no person.
+
+    Raises
+    ------
+    CarrierFault
+        If it is elsewhere.
+    """
+    if (carrier := job.carrier) is None:
+        return
+    inputs = CarrierDriverInputs(carrier.kinematics, job.carrier_values, lambda text: True)
+    with carrier.make_device(inputs) as device:
+        check_at_station(job, device.state())
 
 
 class CarrierSweep:

@@ -25,7 +25,6 @@ from tjscan.runs.scan import run as scan
 from tjscan.runs.scan.rehearsal import check_scan_job, is_simulated
 from tjscan.runs.scan.run import ScanContext
 from tjscan.runs.stations import run as stations
-from tjscan.runs.stations.carriage import check_carrier_at_station
 from tjscan.runs.stations.stitch import StitchedRun
 from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.plan import ScanPlan
@@ -142,8 +141,6 @@ def _stitching_rows(
 def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
     """Check a job and the way to its taught poses, without a scan."""
     context = ScanContext(_job_at_chosen_station(job, file, station), file)
-    if len(context.job.station) == 1:
-        check_carrier_at_station(context)
     check_scan_job(context)
     looked = is_simulated(job)
     seen = "a groove is read there" if looked else "no groove was looked for: not all is simulated"
@@ -202,7 +199,6 @@ def run_scan_request(request: ScanRequest) -> None:
 
 def _scan_from_one_place(request: ScanRequest, context: ScanContext) -> list[str] | None:
     """Scan, and print the summary; an empty list if the scan is not complete."""
-    check_carrier_at_station(context)
     with (
         scan_progress_bar("sections", context.job.scan) as journal,
         _shown_on_page(replace(context, journal=journal), request) as shown,

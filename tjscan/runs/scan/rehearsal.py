@@ -25,6 +25,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.frames import inverse_pose, pose, pose_to_euler_zyx
 from tjscan.core.units import DEG, MM, PoseSettings, pose_to_rows_mm
 from tjscan.groove.section import GrooveSection
+from tjscan.job.carrier import check_carrier_at_station
 from tjscan.job.cell import Cell
 from tjscan.job.files import ScanJob
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
@@ -49,9 +50,13 @@ def check_scan_job(context: ScanContext) -> None:
         If a taught pose is, or the way there is blocked.
     StartSeesNoGroove, StartOnTack
         If the whole cell is simulated, and no groove is read at a taught pose.
+    CarrierFault
+        If the job is of one station, and its carrier is elsewhere.
     """
     with add_file_to_errors(context.job_file):
         jobs = context.job.jobs_at_stations
+    if len(context.job.station) == 1:
+        check_carrier_at_station(context.job)
     for job in jobs:
         here = replace(context, job=job)
         try:

@@ -16,6 +16,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import JointOrBaseFrame, inverse_pose, transform_points
 from tjscan.groove.read import read_groove
+from tjscan.job.carrier import check_carrier_at_station
 from tjscan.job.cell import (
     Cell,
     SensorMount,
@@ -277,6 +278,8 @@ def run_scan(context: ScanContext, directory: Path) -> ScanSummary:
     with add_file_to_errors(context.job_file):
         context = context.at_station()
         cell = context.make_cell()
+        if not context.arrived:
+            check_carrier_at_station(context.job)
         context.make_run_directory(directory)
         with lock_and_clean_directory(directory):
             with context.open_recording(directory) as journal:
@@ -327,6 +330,8 @@ def resume_scan(context: ScanContext, overrides: Iterable[str] = ()) -> ScanSumm
         if left is not None:
             check_joint_angles(left, Kinematics.load(context.job.arm.model), directory)
         cell = context.make_cell(left=left)
+        if not context.arrived:
+            check_carrier_at_station(context.job)
         with context.open_recording(directory) as journal:
             for damage in damages:
                 journal.record(RunEvent(ScanEvent.DAMAGED, str(damage)))

@@ -19,7 +19,7 @@ from tjscan.core import errors
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.frames import Array, inverse_pose, pose_to_euler_zyx, transform_points, unit_vector
 from tjscan.core.units import PoseSettings
-from tjscan.job.carrier import CarrierSweep, carrier_of_job
+from tjscan.job.carrier import CarrierSweep, carrier_of_job, check_at_station, is_at_stop
 from tjscan.job.cell import Cell, clear_path_planner_of_job
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import RunEvent
@@ -30,9 +30,6 @@ from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.scanning.journal import RecordedScan, ScannedSurfaceObstacle
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection, Sections
-
-AT_STOP_TOLERANCE: Final = 2e-4
-"""Metres and radians by which a carrier that is at its stop may be beside it."""
 
 DIRECTION_STEP: Final = 1e-3
 """Metres and radians of an axis, for its derivative."""
@@ -46,6 +43,10 @@ TELLING_SHARE: Final = 0.5
 
 LEAST_TELLING_SHIFT: Final = 2e-3
 """Metres: a smaller one shows nothing, and the axis is not looked at."""
+
+LEAST_SHARE_ACROSS: Final = 0.2
+"""Of a section's motion: where it moves along the groove, the laser sees other parts of it, which
+were not scanned, and the shift shows how the groove bends there."""
 
 LONGEST_TELLING_STEP: Final = 0.05
 """Metres and radians that an axis moves for it."""
@@ -103,7 +104,9 @@ class Carriage:
         seen = done.reread_sections(groove_reader_of_job(there.job)) if i and done else ()
         if moves := not self._is_at(self._stops[i]):
             here = self._context.at_station(before.name)
-            if i == 1 and seen and begun is None and self._settings.driver != "none":
+            if self._settings.driver != "none" and not self._has_moved():
+                if not seen:
+                    check_at_station(there.job, self._carrier.state())
                 self._check_directions(here, seen)
             with self._cell(here, seen) as cell:  # draws the arm back
                 home = np.array(self._settings.home)
@@ -123,8 +126,14 @@ class Carriage:
         arrived = RunEvent("carrier", f"at {self._kinematics.describe(reached)}")
         return replace(there, job=job, left=self._left, arrived=(arrived,))
 
+    def _has_moved(self) -> bool:
+        """Whether scans have begun at two stops, so that the axes were looked at between them."""
+        begun = [_is_begun(self._directory / name) for name in self._context.job.station_names]
+        stops = np.array(self._stops)[begun]
+        return any(not is_at_stop(stop, stops[0]) for stop in stops)
+
     def _is_at(self, values: Array) -> bool:
-        return _is_near(self._carrier.state(), values)
+        return is_at_stop(self._carrier.state(), values)
 
     @contextmanager
     def _cell(self, here: ScanContext, seen: Sections = ()) -> Iterator[Cell]:
@@ -139,22 +148,25 @@ class Carriage:
         ScannedSurfaceObstacle(cell.clearance, seen if self._is_at(at) else ())
         stop = self._context.stop
         with cell, stop.halt_arm_on_stop_now(cell.arm.stop):
-            stop.raise_if_stop_now()
+            if stop.ends_after_section:
+                raise errors.ScanInterrupted
             yield cell
             stop.raise_if_stop_now()
             self._left = cell.arm.state()
 
     def _move_to(self, here: ScanContext, goal: Array) -> None:
         """Move the carrier on a way on which the arm, as it now stands, keeps clear."""
-        stop = self._context.stop
         with self._cell(here) as cell:
             q = cell.arm.state().q
         for values in CarrierSweep(here.job, self._arm, q).clear_way(self._carrier.state(), goal):
+            self._drive(values)
+
+    def _drive(self, values: Array) -> None:
+        stop = self._context.stop
+        with stop.halt_arm_on_stop_now(self._carrier.stop):
             if stop.ends_after_section:
                 raise errors.ScanInterrupted
-            with stop.halt_arm_on_stop_now(self._carrier.stop):
-                stop.raise_if_stop_now()
-                self._carrier.move_to(values)
+            self._carrier.move_to(values)
 
     def _check_directions(self, here: ScanContext, seen: Sections) -> None:
         """Look at the same groove from two places of every axis that is to move.
@@ -166,8 +178,8 @@ class Carriage:
         CarrierFault
             Naming the axis that goes the other way, or otherwise than it is described.
         """
-        if not self._is_at(self._stops[0]):  # an earlier look, or the move after it, was cut off
-            self._move_to(here, self._stops[0])
+        if not self._is_at(stop := here.job.carrier_values):  # a look, or the move, was cut off
+            self._move_to(here, stop)
         start, T_w_b = self._carrier.state(), self._kinematics.T_w_b
         for i, axis in enumerate(self._kinematics.axes):
             ways = np.array(self._stops)[:, i] - start[i]
@@ -175,27 +187,40 @@ class Carriage:
             other, telling = self._telling_step(start, way, seen)
             if not telling:
                 continue
-            section = self._stand_before(telling, here, seen, (other, 2 * start - other))
-            self._move_to(here, other)
-            mirrored = self._seeming_shift(start, other, section, seen)
+            ends = other, 2 * start - other
+            mirrored = self._stand_before(telling, here, seen, ends, axis.name)
+            self._drive(other)
             off = self._look(here, inverse_pose(T_w_b(start)) @ T_w_b(other), seen)
-            self._move_to(here, start)
-            if off > MOST_SHARE_OF_MIRRORED * mirrored:
-                seems = f"is {1e3 * off:.1f} mm beside" if np.isfinite(off) else "is not seen"
+            self._drive(start)
+            step = f"{axis.unit.to_file(float(other[i] - start[i])):.3g} {axis.unit.suffix} of it"
+            if off == np.inf:
                 raise errors.CarrierFault(
-                    f"axis {axis.name!r} of the carrier: its direction is reversed. After "
-                    f"{axis.unit.to_file(float(other[i] - start[i])):.3g} {axis.unit.suffix} of it "
-                    f"the groove {seems} where it was scanned; if the axis went the other way, it "
-                    f"would be {1e3 * mirrored:.1f} mm beside. Write direction = "
-                    f"{[-x for x in axis.direction]} in [carrier], or put its point right"
+                    f"axis {axis.name!r} of the carrier: the groove was not seen after {step}; "
+                    "nothing is known of the axis' direction"
+                )
+            if off > MOST_SHARE_OF_MIRRORED * mirrored:
+                raise errors.CarrierFault(
+                    f"axis {axis.name!r} of the carrier: its direction is reversed. After {step} "
+                    f"the groove is {1e3 * off:.1f} mm beside where it was scanned; if the axis "
+                    f"went the other way, it would be {1e3 * mirrored:.1f} mm beside. Write "
+                    f"direction = {[-x or 0.0 for x in axis.direction]} in [carrier], or put its "
+                    "point right"
                 )
 
     def _stand_before(
-        self, sections: Sections, here: ScanContext, seen: Sections, ends: tuple[Array, Array]
-    ) -> ScannedSection:
-        """Bring the arm to the last of some sections where the carrier may move to either end."""
-        blocked: errors.TjscanError | None = None
-        for section in reversed(sections):
+        self,
+        telling: list[tuple[ScannedSection, float]],
+        here: ScanContext,
+        seen: Sections,
+        ends: tuple[Array, Array],
+        axis: str,
+    ) -> float:
+        """Bring the arm to the last of some sections where the carrier may move to either end.
+
+        Gives what the section would seem to shift if the axis were reversed.
+        """
+        blocked = []
+        for section, mirrored in reversed(telling):
             view = section.view
             try:
                 for end in ends:
@@ -203,10 +228,12 @@ class Carriage:
                 with self._cell(here, seen) as cell:
                     cell.arm.move_joint_to_pose(view.T_b_f, near=view.q)
             except (errors.CarrierFault, errors.PoseUnreachable) as error:
-                blocked = blocked or error
+                blocked.append(str(error).partition(". ")[0])  # without advice for other ways
             else:
-                return section
-        raise blocked or errors.CarrierFault("no section was scanned")
+                return mirrored
+        raise errors.CarrierFault(
+            f"the look at axis {axis!r} (and if it went the other way): {blocked[0]}"
+        )
 
     def _look(self, here: ScanContext, T_b_b: Array, seen: Sections) -> float:
         """Metres by which the groove, put back by T_b_b, is beside what was seen; else infinite."""
@@ -216,36 +243,57 @@ class Carriage:
         read = groove_reader_of_job(here.job)
         for profile in profiles:
             with suppress(errors.GrooveNotFound):
-                return _shift_across(transform_points(T_b_s, read(profile).points_s), seen)
+                points_b = transform_points(T_b_s, read(profile).points_s)
+                return _shift_across(_middle(points_b), *_middles_and_directions(seen))
         return np.inf
 
-    def _telling_step(self, start: Array, way: Array, seen: Sections) -> tuple[Array, Sections]:
-        """A step of an axis, and sections that would seem to shift enough if it were reversed."""
-        unit, shift = np.sign(way), self._seeming_shift
-        most = max(shift(start, start + DIRECTION_STEP * unit, one, seen) for one in seen)
+    def _telling_step(
+        self, start: Array, way: Array, seen: Sections
+    ) -> tuple[Array, list[tuple[ScannedSection, float]]]:
+        """A step of an axis, and sections that would seem to shift enough if it were reversed.
+
+        With each section, by how much it would, metres across the groove.
+        """
+        unit = np.sign(way)
+        most = self._seeming_shifts(start, start + DIRECTION_STEP * unit, seen)[0].max()
         step = min(DIRECTION_STEP * TELLING_SHIFT / max(most, 1e-9), LONGEST_TELLING_STEP)
         other = start + np.clip(step * unit, -np.abs(way), np.abs(way))
-        sizes = [shift(start, other, one, seen) for one in seen]
-        least = max(LEAST_TELLING_SHIFT, TELLING_SHARE * max(sizes))
-        return other, [one for one, size in zip(seen, sizes, strict=True) if size >= least]
+        shifts, motions = self._seeming_shifts(start, other, seen)
+        least = max(LEAST_TELLING_SHIFT, TELLING_SHARE * shifts.max())
+        least = np.maximum(least, LEAST_SHARE_ACROSS * motions)
+        pairs = zip(seen, shifts.tolist(), shifts >= least, strict=True)
+        return other, [(section, shift) for section, shift, tells in pairs if tells]
 
-    def _seeming_shift(
-        self, start: Array, other: Array, section: ScannedSection, seen: Sections
-    ) -> float:
-        """Metres across the groove by which a section seems to shift if an axis is reversed."""
+    def _seeming_shifts(self, start: Array, other: Array, seen: Sections) -> tuple[Array, Array]:
+        """How far sections seem to shift across the groove, and move, if an axis is reversed.
+
+        Both in metres, shape (n,).
+        """
         T_w_b = self._kinematics.T_w_b
-        points_w = transform_points(T_w_b(start), section.points_b)
-        points_b = transform_points(inverse_pose(T_w_b(2 * start - other)), points_w)
-        T_b_b = inverse_pose(T_w_b(start)) @ T_w_b(other)
-        return _shift_across(transform_points(T_b_b, points_b), seen)
+        T_b_mirrored = inverse_pose(T_w_b(2 * start - other)) @ T_w_b(start)
+        T_b_b = inverse_pose(T_w_b(start)) @ T_w_b(other) @ T_b_mirrored
+        middles, along = _middles_and_directions(seen)
+        moved = transform_points(T_b_b, middles)
+        shifts = np.array([_shift_across(middle, middles, along) for middle in moved])
+        return shifts, np.linalg.norm(moved - middles, axis=1)
 
 
-def _shift_across(points_b: Array, seen: Sections) -> float:
-    """Metres by which a section's points are beside the groove where it was scanned."""
-    shifts = [(points_b - one.points_b)[[1, 3]].mean(axis=0) for one in seen]
+def _middle(points: Array) -> Array:
+    """Of a section's points, shape (5, 3), the middle between the edges."""
+    return np.asarray(points[[1, 3]].mean(axis=0))
+
+
+def _middles_and_directions(seen: Sections) -> tuple[Array, Array]:
+    """Middle of each section, and the groove's direction there, in b, both of shape (n, 3)."""
+    middles = np.array([_middle(one.points_b) for one in seen])
+    return middles, np.array([unit_vector(one.T_b_g[:3, 0]) for one in seen])
+
+
+def _shift_across(middle: Array, middles: Array, directions: Array) -> float:
+    """Metres by which a section's middle is beside the groove where it was scanned."""
+    shifts = middle - middles
     i = int(np.linalg.norm(shifts, axis=1).argmin())
-    along = unit_vector(seen[i].T_b_g[:3, 0])
-    return float(np.linalg.norm(shifts[i] - (shifts[i] @ along) * along))
+    return float(np.linalg.norm(shifts[i] - (shifts[i] @ directions[i]) * directions[i]))
 
 
 @contextmanager
@@ -279,27 +327,6 @@ def carriage_of_job(
     last = context.at_station(begun[-1] if begun else job.station_names[0]).job.carrier_values
     with job.carrier.make_device(CarrierDriverInputs(job.carrier.kinematics, last, ask)) as carrier:
         yield Carriage(context, directory, carrier)
-
-
-def check_carrier_at_station(context: ScanContext) -> None:
-    """Check that the carrier of a job of one station, if it has one, is there; ask no person.
-
-    Raises
-    ------
-    CarrierFault
-        If it is elsewhere.
-    """
-    if (carrier := context.job.carrier) is None:
-        return
-    stop, kinematics = context.job.carrier_values, carrier.kinematics
-    inputs = CarrierDriverInputs(kinematics, stop, lambda text: True)
-    with carrier.make_device(inputs) as device:
-        at = device.state()
-    if not _is_near(at, stop):
-        raise errors.CarrierFault(
-            f"the carrier is at {kinematics.describe(at)}, and station "
-            f"{context.job.station[0].name} is at {kinematics.describe(stop)}: bring it there first"
-        )
 
 
 def start_poses_in_overlap(sections: Sections, overlap: float) -> tuple[Array, Array]:
@@ -338,10 +365,6 @@ def _recorded(directory: Path) -> RecordedScan | None:
     if not _is_begun(directory):
         return None
     return read_recorded_scan(directory, lambda damage: None)
-
-
-def _is_near(values: Array, stop: Array) -> bool:
-    return bool(np.abs(values - stop).max() < AT_STOP_TOLERANCE)
 
 
 def _is_begun(directory: Path) -> bool:
