@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -204,6 +205,17 @@ def test_an_abb_that_hears_nothing_is_not_answered_once_its_lag_has_passed() -> 
     held = pair.controller.commanded
     assert isinstance(pair.stream.fault, errors.ArmConnectionLost)
     np.testing.assert_array_equal(pair.cycle(), held)
+
+
+@pytest.mark.parametrize(
+    ("rapid", "words"), [(1, "the RAPID program .* is stopped"), (2, "EGM has ended")]
+)
+def test_a_stopped_program_and_egm_that_has_ended_are_told_apart(rapid: int, words: str) -> None:
+    q = np.zeros(6)
+    packet = egm.EgmPacket(1, 0.0, q, q, q[:3], 0, 1, egm.MCI_RUNNING - 1, rapid)
+    fault = stream_to(ABB)._reported_fault(packet)
+    assert isinstance(fault, errors.ProgramStopped)
+    assert re.match(words, str(fault))
 
 
 def test_a_fanuc_rests_before_its_motion_is_ended() -> None:

@@ -122,7 +122,7 @@ ENDS: dict[str, dict[str, tuple[type[errors.ArmFault], str]]] = {
         "frozen-seqno": (errors.ArmNotResponding, "repeated seqno"),
         "stop": (errors.ArmNotResponding, "nothing new came"),
         "stand": (errors.ProtectiveStop, "motors of the arm are off"),
-        "stop-program": (errors.ProgramStopped, "EGM program .* is stopped"),
+        "stop-program": (errors.ProgramStopped, "the RAPID program .* is stopped"),
     },
     "fanuc": {
         "lose-answers": (LOST, "answers did not reach"),

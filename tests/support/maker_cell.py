@@ -57,7 +57,7 @@ class Maker:
         return self.settings("127.0.0.1").port
 
 
-ABB = Maker("abb", "irb1600_10_145", (91, 46, -6, -62, 85, -57), AbbSettings, "seqno")
+ABB = Maker("abb", "irb1600_10_145", (37, 30, -30, 112, -100, 104), AbbSettings, "seqno")
 FANUC = Maker("fanuc", "m10ia", (93, 22, -9, -119, 90, 65), FanucSettings, "number")
 KUKA = Maker("kuka", "kr5_arc", (-90, -60, 65, 60, 95, 75), KukaSettings, "IPOC")
 

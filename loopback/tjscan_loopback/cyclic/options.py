@@ -81,7 +81,7 @@ class AbbOptions(CyclicOptions):
     computer: str = "127.0.0.1:6510"
     cycle_ms: Annotated[int, Parameter(validator=Number(gte=4, lte=96, modulo=4))] = 4
     timeout_s: Annotated[float, Parameter(validator=Number(gt=0, lt=inf))] = 1.0
-    home_deg: SixAngles = (91, 46, -6, -62, 85, -57)
+    home_deg: SixAngles = (37, 30, -30, 112, -100, 104)
 
 
 @Parameter(name="*")

@@ -59,7 +59,7 @@ FOREIGN_HOST: Final = "127.255.255.253"
 
 
 class LoopbackServer:
-    """The controller's side of the wire; raises ConfigurationError for an address of others.
+    """The controller's side of the wire; raises ConfigurationError for an address it can't have.
 
     Parameters
     ----------
@@ -90,10 +90,9 @@ class LoopbackServer:
         self._lines: SimpleQueue[str | None] = SimpleQueue()
         self._orders: list[ScheduledFault[InjectedFault]] = []
         self._faults: set[InjectedFault] = set()
-        self._lost, self._before, self._program = 0, b"", 0
+        self._lost, self._before, self._program = 0, b"", controller.program
         self._fault_cycle = 0
-        self._link: socket.socket | None = None
-        self._begun = False
+        self._link, self._begun = self._bind(), False
         self._due = time.monotonic()
         self._ended = False
 
@@ -111,14 +110,25 @@ class LoopbackServer:
 
     def _link_of_program(self) -> socket.socket | None:
         """A socket for each start of the program; None if that is not to send yet."""
-        if self._link is None or self._program != self._controller.program:
-            if self._link is not None:
-                self._link.close()
-            self._link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            self._link.bind((self._host, self.port))
-            self._program, self._begun = self._controller.program, False
+        if self._program != self._controller.program:
+            self._link.close()
+            self._link, self._begun = self._bind(), False
+            self._program = self._controller.program
         self._begun = self._begun or self._find_computer(self._link)
         return self._link if self._begun else None
+
+    def _bind(self) -> socket.socket:
+        link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            link.bind((self._host, self.port))
+        except OSError as error:
+            link.close()
+            raise ConfigurationError(
+                f"port {self.port} of {self._host} can't be had: {error.strerror}. Each "
+                "controller needs an address of its own.",
+                key="host",
+            ) from None
+        return link
 
     def _find_computer(self, link: socket.socket) -> bool:
         """Connect the socket to where it is to send; False if that is not known yet."""

@@ -46,9 +46,12 @@ class GuidanceStream(CyclicStream[EgmPacket]):
                 "the motors of the arm are off: an emergency or protective stop, or they were "
                 f"switched off. {PENDANT_ADVICE}"
             )
-        if packet.rapid == packets.RAPID_STOPPED or packet.egm != packets.MCI_RUNNING:
-            states = f" (rapidExecState {packet.rapid}, mciState {packet.egm})"
-            return self._program_stopped_fault(states)
+        if packet.rapid == packets.RAPID_STOPPED:
+            return errors.ProgramStopped(
+                f"the RAPID program on the arm's controller is stopped. {PENDANT_ADVICE}"
+            )
+        if packet.egm != packets.MCI_RUNNING:
+            return errors.ProgramStopped(f"EGM has ended on the arm's controller. {PENDANT_ADVICE}")
         return None
 
     def _standing_fault(self) -> errors.ArmFault:

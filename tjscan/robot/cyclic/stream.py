@@ -182,13 +182,6 @@ class CyclicStream(ABC, Generic[P]):
             f"the arm stands while it is sent on{self.standing_causes}. {PENDANT_ADVICE}"
         )
 
-    def _program_stopped_fault(self, states: str = "") -> errors.ArmFault:
-        """The controller's program does not run; `states` quotes what it reports."""
-        return errors.ProgramStopped(
-            f"the {self.session} program on the arm's controller is stopped or has ended{states}. "
-            f"{PENDANT_ADVICE}"
-        )
-
     @property
     def _standing_limit(self) -> float:
         """Seconds for which an arm that was sent on may stand: longer than it lags."""

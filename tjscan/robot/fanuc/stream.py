@@ -93,5 +93,8 @@ class MotionStream(CyclicStream[StatusPacket]):
                 f"the arm's controller has stopped it with an error. {PENDANT_ADVICE}"
             )
         if not packet.status & packets.TAKES_COMMANDS:
-            return self._program_stopped_fault()
+            return errors.ProgramStopped(
+                "the stream motion program on the arm's controller is stopped or has ended. "
+                f"{PENDANT_ADVICE}"
+            )
         return None

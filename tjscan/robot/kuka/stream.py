@@ -8,7 +8,7 @@ import numpy as np
 
 from tjscan.core import errors
 from tjscan.core.frames import Array
-from tjscan.robot.cyclic.stream import CyclicStream
+from tjscan.robot.cyclic.stream import PENDANT_ADVICE, CyclicStream
 from tjscan.robot.kuka import packets
 from tjscan.robot.kuka.packets import RobPacket
 
@@ -59,4 +59,7 @@ class CorrectionStream(CyclicStream[RobPacket]):
     def _reported_fault(self, packet: RobPacket) -> errors.ArmFault | None:
         if packet.program in (None, packets.PROGRAM_ACTIVE):
             return None
-        return self._program_stopped_fault(f" (its interpreter's state is {packet.program})")
+        return errors.ProgramStopped(
+            "the RSI program on the arm's controller is stopped or has ended (its interpreter's "
+            f"state is {packet.program}). {PENDANT_ADVICE}"
+        )
