@@ -5,8 +5,10 @@ from functools import cache
 
 import numpy as np
 from camera import CAD, EXACT, MIDDLE, Camera, Stage
+from scipy.spatial import KDTree
 
 from tjscan.comparison.distance import MeshDistance
+from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 
@@ -40,6 +42,17 @@ def test_noise_is_as_large_as_stated_where_the_surface_faces_the_camera() -> Non
     noise = 55e-6
     _, off = distances(replace(COARSE, noise=noise))
     assert noise / 2 < np.std(off) < 2 * noise
+
+
+def test_corners_count_where_a_cloud_has_points_at_all_edges_of_the_groove() -> None:
+    it, edges = stage(), feature_edges(read_joint(CAD))
+    cloud = KDTree(it.cloud_j(EXACT, np.random.default_rng(1)))
+    counted = it.is_seen(edges.p3.points_j)
+    for edge in (edges.p2, edges.p3, edges.p4):
+        assert cloud.query(edge.points_j[counted])[0].max() < 1e-3
+    turn = np.degrees(it.seen)
+    assert -70 < turn[0] < -30
+    assert 30 < turn[1] < 70
 
 
 def test_what_the_projector_does_not_light_has_no_point() -> None:
