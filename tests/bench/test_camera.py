@@ -49,7 +49,7 @@ def test_corners_count_where_a_cloud_has_points_at_all_edges_of_the_groove() -> 
     cloud = KDTree(it.cloud_j(EXACT, np.random.default_rng(1)))
     counted = it.is_seen(edges.p3.points_j)
     for edge in (edges.p2, edges.p3, edges.p4):
-        assert cloud.query(edge.points_j[counted])[0].max() < 1e-3
+        assert np.max(cloud.query(edge.points_j[counted])[0]) < 1e-3
     turn = np.degrees(it.seen)
     assert -70 < turn[0] < -30
     assert 30 < turn[1] < 70
