@@ -150,7 +150,7 @@ class Stage:
         self.middle = found.p3.points_j[np.argmin(np.abs(found.phi - MIDDLE))]
         cloud = KDTree(self.cloud_j(Camera(), np.random.default_rng(0)))
         self.spacing = float(np.median(np.asarray(cloud.query(cloud.data[::20], k=2)[0])[:, 1]))
-        gaps = np.array([cloud.query(e.points_j)[0] for e in (found.p2, found.p3, found.p4)])
+        gaps = [np.asarray(cloud.query(e.points_j)[0]) for e in (found.p2, found.p3, found.p4)]
         blind = np.max(gaps, axis=0) > 2 * self.spacing
         self.seen = turn[blind & (turn < 0)].max(), turn[blind & (turn > 0)].min()
         self.unseen = float(np.mean(blind[np.abs(turn) < SEGMENT / 2]))
